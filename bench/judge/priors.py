@@ -1,6 +1,7 @@
 """Whether the prior of an estimator gives the truth of a scenario any mass."""
 
 from olne_bench.bench.plan.entries import EstimatorEntry
+from olne_bench.bench.plan.kinds import Rules
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.estimators.protocol import Problem
 from olne_bench.games.model.weight_prior import LEAST_MASS, WeightPrior
@@ -9,17 +10,22 @@ from olne_bench.games.model.weight_prior import LEAST_MASS, WeightPrior
 WITH_PRIOR = ("map", "neural_posterior", "particle", "posterior", "ukf")
 
 
-def prior_told(estimator: EstimatorEntry, scenario: Scenario) -> WeightPrior | None:
-    """The prior that an estimator uses: the scenario's, or one that its parameters name instead."""
+def prior_told(scenario: Scenario, rules: Rules) -> WeightPrior:
+    """The prior that estimators are told of, by the rules of a study."""
+    return scenario.prior if rules.prior is None else WeightPrior((rules.prior,))
+
+
+def prior_used(estimator: EstimatorEntry, told: WeightPrior) -> WeightPrior | None:
+    """The prior that an estimator uses: the told one, or one that its parameters name instead."""
     if estimator.name not in WITH_PRIOR:
         return None
     alpha = estimator.parameters.get("alpha") if estimator.name in ("map", "posterior") else None
-    return scenario.prior if alpha is None else WeightPrior((float(alpha),))
+    return told if alpha is None else WeightPrior((float(alpha),))
 
 
-def exclusion(estimator: EstimatorEntry, scenario: Scenario) -> str:
+def exclusion(estimator: EstimatorEntry, scenario: Scenario, told: WeightPrior) -> str:
     """Why an estimator can never find the true weights; empty if it can, or has no prior."""
-    prior = prior_told(estimator, scenario)
+    prior = prior_used(estimator, told)
     found = prior.excluded(scenario.weights, Problem.weight_floor) if prior else None
     if found is None:
         return ""

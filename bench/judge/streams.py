@@ -126,7 +126,7 @@ def follow(motion: Trial, player: StreamPlayer, announce: Announce = silent) -> 
     if motion.reference:
         yield from _reference_updates(motion, case, announce)
         return
-    excluded = exclusion(motion.estimator, case.recordings[0].scenario)
+    excluded = exclusion(motion.estimator, case.recordings[0].scenario, case.problem.prior)
     if excluded:
         yield from _all_alike(case, "invalid", excluded)
         return

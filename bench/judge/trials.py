@@ -25,7 +25,7 @@ from olne_bench.bench.judge.players import (
     longest_seconds,
     own_seconds,
 )
-from olne_bench.bench.judge.priors import exclusion
+from olne_bench.bench.judge.priors import exclusion, prior_told
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
 from olne_bench.bench.judge.scene import pack_motion, pack_truth
 from olne_bench.bench.judge.seeds import noise_seed, stream
@@ -40,6 +40,7 @@ from olne_bench.bench.judge.truth import (
 )
 from olne_bench.bench.judge.weight_levels import weight_levels
 from olne_bench.bench.plan.entries import SensorEntry
+from olne_bench.bench.plan.kinds import Rules
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip, describe_error
@@ -115,7 +116,7 @@ def _scene_once(trial: Trial, case: Case) -> bytes | None:
 
 def judge_case(trial: Trial, case: Case, staff: Staff) -> Outcome:
     """Judge a trial whose truth and observations are known; arguments as of ``judge``."""
-    excluded = exclusion(trial.estimator, case.recordings[0].scenario)
+    excluded = exclusion(trial.estimator, case.recordings[0].scenario, case.problem.prior)
     if excluded:
         return replace(case.outcome, status="invalid", message=clip(excluded))
     staff.announce("estimate", longest_seconds(trial))
@@ -174,6 +175,7 @@ def case_at(draw: Draw, layers: tuple[Layer, ...], trial: Trial) -> Case:
     """
     seed = noise_seed(trial.scenario, trial.sigma, trial.seed, trial.salt)
     problem, observations = shown(draw, layers, trial.sigma, seed)
+    problem = _as_told(problem, draw, trial.rules)
     model, recordings = _model(draw, layers), true_recordings(draw)
     seen = [one.y for one in observations] if model.may_miss else None
     limit = unit_cosine_limit(draw, model, seen)
@@ -189,6 +191,13 @@ def case_at(draw: Draw, layers: tuple[Layer, ...], trial: Trial) -> Case:
         cosine_limit=None if limit is None else trial.sigma**2 * limit,
     )
     return Case(draw, model, recordings, problem, observations, outcome)
+
+
+def _as_told(problem: Problem, draw: Draw, rules: Rules) -> Problem:
+    """What estimators are told by the rules of a study, which may be wrong on purpose."""
+    prior = prior_told(true_recordings(draw)[0].scenario, rules)
+    spread = rules.noise_spread if problem.sigma else 0.0
+    return replace(problem, prior=prior, sigma=rules.noise * problem.sigma, sigma_spread=spread)
 
 
 def shown(

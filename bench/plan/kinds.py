@@ -31,13 +31,15 @@ REFERENCES: dict[StudyKind, tuple[str, ...]] = {
 }
 #: Rules that a kind has.
 RULES: dict[StudyKind, tuple[str, ...]] = {
-    "trials": (),
-    "streams": ("deadline", "lag", "fit_every"),
+    "trials": ("prior", "noise", "noise_spread"),
+    "streams": ("deadline", "lag", "fit_every", "prior", "noise", "noise_spread"),
     "drives": ("deadline", "window"),
 }
 
 _Deadline = Annotated[float, Field(ge=1e-3, le=1e6, allow_inf_nan=False, strict=True)]
 _Count = Annotated[int, Field(ge=2, le=10**6, strict=True)]
+_Factor = Annotated[float, Field(ge=1e-6, le=1e6, allow_inf_nan=False)]
+_Spread = Annotated[float, Field(ge=0, le=100, allow_inf_nan=False)]
 
 
 class Rules(Strict):
@@ -49,6 +51,10 @@ class Rules(Strict):
     # HighwayEnv's drivers are fitted after every so many samples; None: never
     fit_every: _Count | None = None
     window: _Count = 6  # number of latest samples from which the planner of a drive estimates
+    # parameter of the Dirichlet prior that estimators are told; None: that of the scenario
+    prior: _Factor | None = None
+    noise: _Factor = 1.0  # the noise level that they are told, over the true one
+    noise_spread: _Spread = 0.0  # standard deviation of its logarithm; 0: it is known
 
     @property
     def given(self) -> dict[str, Any]:

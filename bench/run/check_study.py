@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from olne_bench import plugins
-from olne_bench.bench.judge.priors import WITH_PRIOR, exclusion
+from olne_bench.bench.judge.priors import WITH_PRIOR, exclusion, prior_told
 from olne_bench.bench.judge.trials import layers_of
 from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry, SensorEntry
+from olne_bench.bench.plan.kinds import Rules
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import foreign_worlds
 from olne_bench.bench.process.child import Child, ChildError, RaisedError
@@ -52,7 +53,7 @@ def check_priors(suite: Suite, hidden: Path | None = None) -> None:
             continue
         own = plugins.is_built_in(plugins.SCENARIO, scenario.name)
         foreign = () if own else (scenario.name, estimator.name)
-        if why := _asked(foreign, hidden, excluded, scenario, estimator):
+        if why := _asked(foreign, hidden, excluded, scenario, estimator, suite.rules):
             raise UserError(
                 f"suite {suite.name!r}: estimator {estimator.label!r} cannot be run in scenario "
                 f"{scenario.label!r}: {why}; choose an alpha nearer to 1, or limit the estimator "
@@ -145,10 +146,11 @@ def _asked(
         child.stop()
 
 
-def excluded(scenario: ScenarioEntry, estimator: EstimatorEntry) -> str:
+def excluded(scenario: ScenarioEntry, estimator: EstimatorEntry, rules: Rules) -> str:
     """Why the prior of an estimator excludes the truth of a scenario; empty if it does not."""
     try:
-        return exclusion(estimator, get_scenario(scenario.name, **scenario.options))
+        drawn = get_scenario(scenario.name, **scenario.options)
+        return exclusion(estimator, drawn, prior_told(drawn, rules))
     except NoEquilibriumError:
         return ""
 

@@ -69,7 +69,9 @@ class Known:
         errors[~possible], derivative[~possible] = 0.0, 0.0
         nothing, rows = np.zeros((len(points), 0)), np.empty(len(points), dtype=object)
         rows[:] = list(derivative)
-        return Places(points, errors, rows, possible, nothing, nothing, np.zeros(len(points)), nothing)
+        return Places(
+            points, errors, rows, possible, nothing, nothing, np.zeros(len(points)), nothing
+        )
 
 
 class Densities:

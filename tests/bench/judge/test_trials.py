@@ -1,6 +1,7 @@
 """Judging of one trial."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -9,10 +10,12 @@ from olne_bench.bench.judge.metrics.formulas import position_error
 from olne_bench.bench.judge.scene import unpack_motion, unpack_truth
 from olne_bench.bench.judge.trials import case_of
 from olne_bench.bench.judge.truth import Draw, true_recording
+from olne_bench.bench.plan.kinds import Rules
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.run.store import open_store
+from olne_bench.games.model.weight_prior import WeightPrior
 
 
 def test_draws_without_an_equilibrium_are_rows_of_their_own(monkeypatch, judged):
@@ -278,3 +281,15 @@ def test_the_truth_has_the_squared_error_of_its_own_noise(tmp_path):
             assert found == pytest.approx(np.sum(np.square(errors)))
             positions = np.abs(errors[0][..., :2]).mean()
             assert case.outcome.observation_error == pytest.approx(positions)
+
+
+def test_estimators_are_told_what_the_rules_say() -> None:
+    trial = next(t for t in expand(load_suite("quick")) if t.sigma)
+    usual = case_of(trial)
+    told = case_of(replace(trial, rules=Rules(prior=3.0, noise=2.0, noise_spread=0.5)))
+    assert told.problem.prior == WeightPrior((3.0,))
+    assert told.problem.sigma == 2 * usual.problem.sigma == 2 * trial.sigma
+    assert (usual.problem.sigma_spread, told.problem.sigma_spread) == (0.0, 0.5)
+    np.testing.assert_array_equal(told.observations[0].y, usual.observations[0].y)
+    silent = next(t for t in expand(load_suite("paper")) if not t.sigma)
+    assert case_of(replace(silent, rules=Rules(noise_spread=0.5))).problem.sigma_spread == 0
