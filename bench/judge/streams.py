@@ -6,7 +6,7 @@ one before it counts.
 """
 
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 
 import msgspec
 import numpy as np
@@ -35,7 +35,7 @@ from olne_bench.bench.judge.predictions import (
 from olne_bench.bench.judge.priors import exclusion
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
 from olne_bench.bench.judge.seeds import stream
-from olne_bench.bench.judge.trials import Case, case_of
+from olne_bench.bench.judge.trials import Case, case_of, fit_p
 from olne_bench.bench.plan.kinds import (
     CLONED,
     CONSTANT_VELOCITY,
@@ -79,6 +79,8 @@ class Update:
         errors: distance [m] between predicted and true positions, mean over players, by column:
             ``fde_1s`` is that after a second, ``ade_1s`` the mean up to then. Those that would be
             beyond the horizon are missing.
+        fit_p: with the last sample, whether noise explains the residuals of all
+            (``estimators.shared.fit_test``).
     """
 
     sample: int
@@ -91,6 +93,7 @@ class Update:
     cosine_error: float | None = None
     prior_error: float | None = None
     errors: dict[str, float] = field(default_factory=dict)
+    fit_p: float | None = None
 
 
 def judge(motion: Trial, staff: Staff) -> Outcome:
@@ -107,7 +110,7 @@ def judge(motion: Trial, staff: Staff) -> Outcome:
         return Outcome("skipped", f"{motion.reference} has no prediction here")
     told = next((row for row in rows if row.status != "ok"), rows[0])
     text = msgspec.json.encode([asdict(row) for row in rows]).decode()
-    return Outcome(told.status, told.message, extras=text)
+    return Outcome(told.status, told.message, fit_p=rows[-1].fit_p, extras=text)
 
 
 def follow(motion: Trial, player: StreamPlayer, announce: Announce = silent) -> Iterator[Update]:
@@ -227,6 +230,7 @@ class _Episode:
     def __init__(self, case: Case, player: StreamPlayer, rules: Rules) -> None:
         self._case, self._player = case, player
         self._deadline = rules.deadline or case.problem.game.dt
+        self._forgets = rules.lag is not None
         self._counting: _Counting | None = None
 
     def updates(self) -> Iterator[Update]:
@@ -255,7 +259,9 @@ class _Episode:
             self._counting = found
         row = self._row(count, "ok", estimate.message, answer.seconds)
         self._counting = found  # a late one counts from the next sample on
-        return row
+        if count < len(self._case.observations[0].y) or self._forgets:
+            return row
+        return replace(row, fit_p=fit_p(estimate, self._case))
 
     def _row(self, count: int, status: str, message: str, seconds: float | None) -> Update:
         counting, weights = self._counting, self._case.recordings[0].scenario.weights

@@ -236,7 +236,7 @@ def _scored(
         weights=estimate.weights.tolist(),
         unknowns=_listed(estimate.parameters),
         weight_levels=_listed(levels),
-        fit_p=_fit(estimate, trial, case),
+        fit_p=fit_p(estimate, case),
         objective=estimate.extras.get("objective"),
         extras=_stored_extras(estimate),
     )
@@ -274,9 +274,9 @@ def _with_prediction(judged: Judged, trial: Trial, case: Case, root: Root) -> Ju
     )
 
 
-def _fit(estimate: Estimate, trial: Trial, case: Case) -> float | None:
+def fit_p(estimate: Estimate, case: Case) -> float | None:
     """P-value of the fit test; its distribution is that at the true weights, which is kept."""
-    if estimate.states is None or not trial.sigma:
+    if estimate.states is None or not case.problem.sigma:
         return None
     problem, (seen, *_) = with_white_noise(case.problem, case.observations)
     problem = with_told_noise(problem, estimate)
