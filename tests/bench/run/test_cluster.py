@@ -3,6 +3,7 @@
 import signal
 import socket
 import time
+from contextlib import suppress
 
 import pandas as pd
 import psutil
@@ -46,8 +47,9 @@ def test_a_killed_dask_worker_loses_nothing(study):
         workers = [child for child in driver.children() if child.children()]
         if workers:
             time.sleep(0.5)
-            workers[killed % len(workers)].send_signal(signal.SIGKILL)
-            killed += 1
+            with suppress(psutil.NoSuchProcess):  # the study may have ended meanwhile
+                workers[killed % len(workers)].send_signal(signal.SIGKILL)
+                killed += 1
     _, errors = process.communicate(timeout=120)
     assert process.returncode == 0, errors
     assert killed
