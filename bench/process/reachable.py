@@ -5,6 +5,7 @@ version control, runs, and data of the user.
 """
 
 import os
+import re
 import shutil
 import site
 import sys
@@ -133,13 +134,15 @@ def _programs() -> Iterator[Path]:
 def _beside(file: Path) -> Iterator[Path]:
     """A plugin's file and what belongs to it.
 
-    That is: files beside it, folders beside it with Python modules, and folders beside it whose
-    names begin with its own, for its data. So runs and other work in the same folder stay closed.
-    A link is not followed: whoever wrote the plugin may have made it lead to files of the user.
+    That is: files beside it, folders beside it with Python modules, and folders beside it that
+    have its name, maybe with more after a sign, for its data. So runs and other work in the same
+    folder stay closed. A link is not followed: whoever wrote the plugin may have made it lead to
+    files of the user.
     """
     yield file
     for place in _visible(file.parent):
-        named = place.is_file() or _is_importable(place) or place.name.startswith(file.stem)
+        of_its_name = re.fullmatch(rf"{re.escape(file.stem)}([-_.].*)?", place.name)
+        named = place.is_file() or _is_importable(place) or of_its_name
         if named and not place.is_symlink():
             yield place
 

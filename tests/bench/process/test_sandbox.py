@@ -143,6 +143,8 @@ def hidden(tmp_path):
     (tmp_path / "helpers" / "one.py").write_text("x = 1")
     (tmp_path / "plugin_data").mkdir()
     (tmp_path / "plugin_data" / "network").write_text("open")
+    (tmp_path / "plugins").mkdir()
+    (tmp_path / "plugins" / "other").write_text("another's")
     (tmp_path / "plugin.py").write_text("")
     (tmp_path / "link").symlink_to(folder)
     (tmp_path / "note").symlink_to(tmp_path / "runs" / "notes")
@@ -168,7 +170,7 @@ def test_files_are_read_by_a_list(child, hidden):
     for path in (*(home / name for name in beside), os.__file__, np.__file__, __file__):
         child.call(read, str(path), kind=str, seconds=5)
     secret = ["runs/one/secret", "link/secret", "runs/notes", ".git/object", "suite.draws"]
-    secret += ["note", "plugin_all/etc/shadow"]
+    secret += ["note", "plugin_all/etc/shadow", "plugins/other"]
     for path in (*(home / name for name in secret), "/etc/shadow", "/etc/hostname"):
         refuses(child, read, str(path))
 
