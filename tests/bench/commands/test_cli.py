@@ -267,7 +267,7 @@ def test_help_and_list_import_nothing_slow():
 
 def test_what_help_repeats_is_true():
     """Some numbers and names stand in the interface again, as imports of their homes are slow."""
-    from olne_bench.bench.report.fresh_draws import FEWEST
+    from olne_bench.bench.submission.fresh_draws import FEWEST
     from olne_bench.envs.track_formats import format_names
 
     assert studies.FEWEST == FEWEST

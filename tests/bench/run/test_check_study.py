@@ -56,9 +56,8 @@ def test_foreign_scenarios_are_asked_in_a_process_of_their_own(tmp_path) -> None
     foreign = ScenarioEntry(name=f"{path}:Cars", label="Cars")
     broken = ScenarioEntry(name=f"{path}:Cannot", label="Cannot")
     full = {"label": "full", "name": "full"}
-    check_fit(suite(full).model_copy(update={"scenarios": (foreign, broken)}))
     with pytest.raises(UserError, match="sensor 'odd' does not fit scenario 'Cars'"):
-        check_fit(suite(full, UNFIT).model_copy(update={"scenarios": (foreign,)}))
+        check_fit(suite(full, UNFIT).model_copy(update={"scenarios": (broken, foreign)}))
 
 
 NARROW_SUITE = """
@@ -122,9 +121,9 @@ def test_what_a_prior_reaches_is_run(suite_file):
     entries = (
         '"map"',
         '{name = "posterior", parameters = {alpha = 0.5}}',
-        '{name = "map", parameters = {alpha = 5}}',
+        '{name = "map", label = "five", parameters = {alpha = 5}}',
         '"ukf"',
-        NARROW.format(name="map", more=', scenarios = ["random"]'),
+        NARROW.format(name="map", more=', label = "elsewhere", scenarios = ["random"]'),
     )
     check_priors(load_suite(suite_file(", ".join(entries))))
 
