@@ -67,7 +67,7 @@ def reproducible(path) -> pd.DataFrame:
 def test_a_study_goes_on_where_it_stopped(study) -> None:
     study.suite.write_text(SUITE)
     out = study.folder / "streams"
-    words = ["run", study.suite, "--out", out, "--rule", "lag=5", "--jobs", 1]
+    words = ["run", study.suite, "--out", out, "--rule", "lag=20", "--jobs", 1]
     said = study.call(*words, "--seeds", 1)
     rows = pd.read_csv(out / "updates.csv")
     assert tuple(rows.columns) == COLUMNS
@@ -82,7 +82,7 @@ def test_a_study_goes_on_where_it_stopped(study) -> None:
     assert len(pd.read_csv(out / "over_time.csv")) == len(KINDS) * 25
     with read_store(out) as store:
         kept = last_suite(store.runs(), out)
-    assert (kept.name, kept.rules.given) == ("small (changed)", {"deadline": 10.0, "lag": 5})
+    assert (kept.name, kept.rules.given) == ("small (changed)", {"deadline": 10.0, "lag": 20})
     assert "fde_3s" in said and "map" in said
     assert (out / "figures" / "online_two_player_full.png").is_file()
     assert "7 of 14 trials are done already" in study.call(*words, "--no-figures")
@@ -96,8 +96,8 @@ def test_a_study_goes_on_where_it_stopped(study) -> None:
 def refused(study, out, words) -> None:
     """What would mix two studies is refused, and nothing is written."""
     before = (out / "updates.csv").read_bytes()
-    said = study.call(*words, "--rule", "lag=4", code=2)
-    assert "its rule lag was 5 and is 4" in said
+    said = study.call(*words, "--rule", "lag=19", code=2)
+    assert "its rule lag was 20 and is 19" in said
     said = study.call(*words, "--rule", "deadline=null", code=2)
     assert "its rule deadline was 10.0 and is the default" in said
     said = study.call(*words[:-4], code=2)
