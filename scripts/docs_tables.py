@@ -12,10 +12,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pandas as pd
 from paper_claims import claims_of
-from scipy.stats import binomtest
 
 from olne_bench.bench.report.figures.style import estimator_order
 from olne_bench.envs.roads.temperaments import TEMPERAMENTS
@@ -23,26 +21,14 @@ from olne_bench.envs.roads.temperaments import TEMPERAMENTS
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results"
 PAPER = ["two_player", "highway_overtaking"]
-_NAMES = "estimators highway unknowns constraints calibration learned online driving"
-PAGES = (
-    "README.md",
-    "docs/study.md",
-    *(f"docs/evidence/{name}.md" for name in _NAMES.split()),
-)
+PAGES = ("README.md", *(str(page.relative_to(ROOT)) for page in sorted(ROOT.glob("docs/**/*.md"))))
 #: Ends the labels of roads whose target speeds nobody tells.
 _UNKNOWN = ", unknown speeds"
 _TABLE = re.compile(r"(<!-- table: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 #: Heads of columns that their names do not tell.
 HEADS = {
-    "by": "Prediction by", "position_error_median": "Position error [m]", "p_holm": "p",
-    "held_out_error_median": "Held-out error [m]", "cosine_error_mean": "Cosine error",
-    "limit_ratio": "Error / bound", "covers_truth_share": "Covered", "crps_median": "CRPS",
-    "covers_parameters_share": "Covered", "held_out_log_score_median": "Log score lost",
-    "fde_1s": "Error in 1 s [m]", "fde_3s": "Error in 3 s [m]", "latency_50": "ms", "ms": "ms",
-    "sigma": "Noise [m]", "progress": "Progress [m]", "jerk": "Jerk [m/s^3]",
-    "regret": "Regret [%]", "cycle_50": "Cycle [ms]", "cycle_99": "99 % [ms]",
-    "ratio": "Posterior / best rival",
+    "position_error_median": "Position error [m]", "limit_ratio": "Error / bound", "ms": "ms",
     **{name: name for name in ("posterior", "kkt_constrained", "map", "ridge", "uniform")},
 }  # fmt: skip
 PLACE = ["scenario", "sensor", "estimator"]
@@ -89,13 +75,6 @@ def _parts(table: pd.DataFrame) -> pd.Series:
     return table["failures"].astype(str) + " of " + table["trials"].astype(str)
 
 
-def _in_order(table: pd.DataFrame) -> pd.DataFrame:
-    """Rows with trials, the best known estimators of each scenario and sensor first."""
-    order = {name: place for place, name in enumerate(estimator_order(list(table["estimator"])))}
-    table = table[table["trials"] > 0].assign(place=table["estimator"].map(order))
-    return table.sort_values(["scenario", "sensor", "place"], kind="stable")
-
-
 def _scores(error: str) -> pd.DataFrame:
     """Scores by an error in the suite ``roads``; those who do not rank have none, floors apart."""
     table = _csv("roads", "scores")
@@ -103,16 +82,16 @@ def _scores(error: str) -> pd.DataFrame:
     return table[(table["error"] == error) & shown & table["sigma"].isna()]
 
 
-def _roads(unknown: bool) -> pd.DataFrame:
-    """The roads' board of the full sensor with its scores: target speeds unknown or known."""
-    board = _board("roads")
-    part = board["scenario"].str.endswith(_UNKNOWN) == unknown
-    board = board[part & (board["sensor"] == "full") & (board["trials"] > 0)]
-    board = board.merge(_scores("position_error")[[*PLACE, "score"]], how="left", on=PLACE)
-    return board.assign(road=board["scenario"].str.removesuffix(_UNKNOWN))
-
-
 # ----------------------------------------------------------------------------------------- tables
+
+
+def paper() -> pd.DataFrame:
+    """Suite ``paper``: median errors, failures and times."""
+    board = _board("paper").sort_values(
+        ["scenario", "sensor", "position_error_median"], ascending=[False, True, True]
+    )
+    columns = "position_error_median cosine_error_median limit_ratio failures ms"
+    return _rows(board, "scenario sensor estimator", columns)
 
 
 def times() -> pd.DataFrame:
@@ -123,27 +102,12 @@ def times() -> pd.DataFrame:
     return wide[[*PAPER, "roads"]].map(_number)
 
 
-def coverage() -> pd.DataFrame:
-    """Share of 95 % ellipsoids that hold the truth, by noise level."""
-    trials = pd.read_parquet(RESULTS / "paper" / "trials.parquet").dropna(subset="covers_truth")
-    trials = trials[trials["sigma"].isin([0.001, 0.005, 0.01, 0.02, 0.05, 0.1])]
-    wide = trials.pivot_table("covers_truth", PLACE, "sigma")
-    return wide.map("{:.0%}".format).rename(columns="{:g} m".format)
-
-
-def exponents() -> pd.DataFrame:
-    """Exponents, with 95 % intervals, of the decrease of errors with the number of trajectories."""
-    table, by = _csv("several_trajectories", "exponents"), ["sensor", "sigma"]
-    wide = _pivot(table, _cells(table, "exponent[.2f]"), by).sort_index(axis=1)
-    limit = table.groupby(by)["limit_exponent"].first().map("{:.2f}".format)
-    wide = wide.assign(**{"Cramér-Rao limit": limit}).rename("{:g}".format, level=1)
-    return wide.rename_axis(["sensor", "Noise [m]"]).reset_index("Noise [m]")
-
-
 def roads_errors() -> pd.DataFrame:
     """Suite ``roads``, HighwayEnv's roads, full sensor: median position errors [m] with scores."""
-    board = _roads(unknown=False)
-    board = board[board["scenario"] != "merging"]
+    board = _board("roads")
+    known = ~board["scenario"].str.endswith(_UNKNOWN) & (board["scenario"] != "merging")
+    board = board[known & (board["sensor"] == "full") & (board["trials"] > 0)]
+    board = board.merge(_scores("position_error")[[*PLACE, "score"]], how="left", on=PLACE)
     wide = _pivot(
         board, _pairs(board, "{} ({})", "position_error_median", "score"), "estimator", "scenario"
     )
@@ -176,20 +140,6 @@ def recognised() -> pd.DataFrame:
     return pd.DataFrame(wide.set_axis(heads, axis=1))
 
 
-def predictions() -> pd.DataFrame:
-    """Suite ``roads``, full sensor: errors of predictions after half of the samples, by road."""
-    names = ["true_weights", "map", "kkt_constrained", "constant_velocity", "constant_controls"]
-    names += ["stock", "stock_fitted"]
-    table = _csv("predictions", "over_time")
-    table = table[np.isclose(table["time"], 3.6) & table["estimator"].isin(names)]
-    order = [names.index(name) for name in table["estimator"]]
-    table = table.assign(order=order, place=pd.factorize(table["scenario"])[0])
-    table = table.rename(columns={"scenario": "road", "estimator": "by"})
-    columns = "fde_1s fde_2s fde_3s[] fde_4s"
-    shown = _rows(table.sort_values(["place", "order"]), "road by", columns)
-    return shown.set_axis([f"{ahead} s" for ahead in (1, 2, 3, 4)], axis=1)
-
-
 def constrained() -> pd.DataFrame:
     """Suite ``constrained``, full sensor: median errors with the constraints and in ignorance."""
     board = _board("constrained")
@@ -216,34 +166,6 @@ def claims() -> pd.DataFrame:
         rows.append([verdict, claim.text, f"{claim.value:.4g}", allowed])
     table = pd.DataFrame(rows, columns=["", "Claim", "Measured", "Allowed"])
     return table.set_index(["", "Claim"])
-
-
-def posterior() -> pd.DataFrame:
-    """Of ``scripts/posterior_calibration.py``: a row for each view and noise level."""
-    # Heads, and the columns that the script prints.
-    shown = {
-        **{"View": 0, "Noise [m]": 1, "Draws": 2, "Mean cosine error": 3, "Covered [%]": 4},
-        **{"Control [%]": 5, "Weights within 95 % [%]": 8, "Least p of ranks": 9},
-        **{"Effective size": 11, "R-hat": 12, "Not converged [%]": 13, "Time [s]": 14},
-    }
-    rows = []
-    for scenario in ("two_player", "highway_overtaking", "highway", "merge"):
-        path = RESULTS / "calibration" / f"{scenario}.txt"
-        for line in path.read_text().splitlines()[2:] if path.exists() else []:
-            cells = re.split(r"\s{2,}", line)
-            if cells[0] == "all":
-                cells.insert(1, "all")
-            rows.append([scenario, *(cells[place] for place in shown.values())])
-    return pd.DataFrame(rows, columns=["scenario", *shown]).set_index(["scenario", "View"])
-
-
-def levels(form: str, *names: str) -> pd.DataFrame:
-    """Suite ``calibration``: what is known of regions, by noise level."""
-    table = _in_order(_csv("calibration", "calibration"))
-    table["covered"] = [
-        _exact(*one) for one in zip(table["covered_95"], table["trials"], strict=True)
-    ]
-    return _by_level(table, _pairs(table, form, *names))
 
 
 def identified() -> pd.DataFrame:
@@ -279,94 +201,13 @@ def online() -> pd.DataFrame:
     return wide[[*names, "constant_velocity", "stock", "stock_fitted"]]
 
 
-def tests_online(study: str) -> pd.DataFrame:
-    """Errors over those of constant velocity and of fitted drivers, and the time to be sure."""
-    table, summary = _csv(study, "comparisons"), _csv(study, "summary").set_index("scenario")
-    table["pair"] = table["estimator"] + " / " + table["other"]
-    table = table.rename(columns={"scenario": "road"})
-    wide = _pivot(table, _pairs(table, "{} (p {})", "ratio", "p_holm"), "road", "pair")
-    known = summary[summary["estimator"] == "map"]
-    half = pd.Series(_cells(known, "half_time[]"), known.index)
-    return wide.assign(**{"Half time of map [s]": half})
-
-
-def drives(traffic: str) -> pd.DataFrame:
-    """What became of drives, by road and planner."""
-    table = _csv("driving", "summary")
-    table = table[table["traffic"] == traffic]
-    shares = zip(table["collision"], table["drives"], strict=True)
-    table = table.assign(collisions=[_exact(*one) for one in shares])
-    for end in ("", "_low", "_high"):
-        table[f"regret{end}"] *= 100
-    columns = "drives collisions regret[.2f] progress jerk fde_3s cycle_50 cycle_99"
-    return _rows(table, "road planner", columns)
-
-
-def drive_tests() -> pd.DataFrame:
-    """Paired differences of planners of the game to those that know nothing of the others."""
-    heads = {"collision": "Collisions [%]", "cost": "Cost [%]", "fde_3s": "Error in 3 s [m]"}
-    table = _csv("driving", "tests")
-    players = table["planner"].isin(["oracle", "map", "kkt_constrained"])
-    table = table[(table["traffic"] == "nash") & players]
-    table["pair"] = table["column"].map(heads) + ", less " + table["other"]
-    table.loc[table["column"] != "fde_3s", "difference"] *= 100
-    cells = _pairs(table, "{} (p {})", "difference", "p_holm")
-    rivals = ("uniform", "constant_velocity")
-    pairs = [f"{head}, less {other}" for head in heads.values() for other in rivals]
-    return _pivot(table, cells, ["road", "planner"], "pair").reindex(columns=pairs).fillna("–")
-
-
-_ALL = "scenario sensor estimator"
-_ERRORS = "position_error_median cosine_error_median"
-_GAINS = "sigma trials posterior kkt_constrained map ridge uniform ratio[.2f] p_holm"
 TABLES: dict[str, Callable[[], pd.DataFrame]] = {
-    "paper": lambda: _rows(
-        _board("paper").sort_values(
-            ["scenario", "sensor", "position_error_median"], ascending=[False, True, True]
-        ),
-        *(_ALL, f"{_ERRORS} limit_ratio failures ms"),
-    ),
-    "roads": lambda: _rows(
-        _roads(unknown=False),
-        "road estimator",
-        "score position_error_median held_out_error_median cosine_error_median covers_truth_share "
-        "failures ms",
-    ),
-    "roads_unknown": lambda: _rows(
-        _roads(unknown=True),
-        "road estimator",
-        "score position_error_median parameter_error_median cosine_error_median failures ms",
-    ).rename(columns={"Parameter error": "Error of target speeds [deviations]"}),
-    "prediction_tests": lambda: tests_online("predictions"),
-    "parameters": lambda: _rows(
-        _board("parameters").dropna(subset="cosine_error_median"),
-        *(_ALL, "cosine_error_median parameter_error_median covers_parameters_share failures ms"),
-    ),
-    "regions": lambda: levels("{}, {}", "covered", "width"),
-    "levels": lambda: levels("{}, {}, {}", "p_uniform", "p_weights", "p_tarp"),
-    "scores": lambda: _rows(
-        _in_order(_csv("calibration", "leaderboard")).assign(failures=_parts),
-        _ALL,
-        "energy_score_median crps_median held_out_log_score_median cosine_error_mean failures",
-    ),
-    "gains": lambda: _rows(_csv("calibration", "posterior_gains"), "scenario sensor", _GAINS),
-    "learned": lambda: _rows(
-        _in_order(_board("learned")),
-        *(_ALL, f"{_ERRORS} covers_truth_share energy_score_median failures ms"),
-    ),
-    "learned_online": lambda: _rows(
-        _csv("learned", "online_summary").rename(columns={"estimator": "by"}),
-        *("scenario by", "cosine_error fde_1s fde_3s[] latency_50"),
-    ),
-    "online_tests": lambda: tests_online("online"),
-    "drives": lambda: drives("nash"),
-    "stock_drives": lambda: drives("stock"),
-}
-_OTHERS = (
-    times, coverage, exponents, roads_errors, road_scores, recognised, predictions,
-    constrained, claims, posterior, identified, learned_errors, online, drive_tests,
-)  # fmt: skip
-TABLES |= {table.__name__: table for table in _OTHERS}
+    table.__name__: table
+    for table in (
+        paper, times, roads_errors, road_scores, recognised, constrained, claims, identified,
+        learned_errors, online,
+    )
+}  # fmt: skip
 
 
 # ------------------------------------------------------------------------------------------ cells
@@ -437,12 +278,6 @@ def _cells(table: pd.DataFrame, name: str) -> list[str]:
         ]
     show = _share if name.endswith("_share") else _chance if name[:2] == "p_" else _number
     return [value if isinstance(value, str) else show(value) for value in table[name]]
-
-
-def _exact(share: float, trials: float) -> str:
-    """A share with its exact 95 % interval (Clopper and Pearson)."""
-    bounds = binomtest(round(share * trials), int(trials)).proportion_ci(0.95, method="exact")
-    return f"{share:.0%} [{100 * bounds.low:.0f}, {100 * bounds.high:.0f}]"
 
 
 def _chance(value: float) -> str:

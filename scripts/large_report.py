@@ -23,14 +23,24 @@ import shared
 import numpy as np
 import pandas as pd
 
+from olne_bench.bench.judge.scene import pack_truth
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.outcome import NESTED
 from olne_bench.bench.plan.select import Selection
-from olne_bench.bench.plan.suite import Suite
+from olne_bench.bench.plan.suite import Suite, salt_id
+from olne_bench.bench.plan.versions import VERSION_COLUMNS
 from olne_bench.bench.run.provenance import provenance
 from olne_bench.bench.run.store import open_store
 from olne_bench.bench.run.store_check import Checksums, as_stored, checksum
-from olne_bench.bench.run.store_layout import COLUMNS, FILE_NAME, add_metric_columns, quoted
+from olne_bench.bench.run.store_layout import (
+    COLUMNS,
+    CURRENT,
+    FILE_NAME,
+    NAMED,
+    add_metric_columns,
+    quoted,
+)
+from olne_bench.bench.submission.played import played_study
 
 SEEDS = 1000  # more than the study has
 
@@ -90,6 +100,26 @@ def _fill(folder: Path, suite: Suite, table: Path, count: int, copies: int) -> N
         stored = (tuple(map(as_stored, row, columns.values())) for row in rows)
         insert = f"INSERT INTO trials ({names}) VALUES ({places})"
         connection.executemany(insert, ((*row, sums.of(row)) for row in stored))
+        _add_truths(connection, suite)
+
+
+def _add_truths(connection: sqlite3.Connection, suite: Suite) -> None:
+    """Store a truth of each scenario and sensor, a family's of seed 0; motions are left out."""
+    names = (*NAMED, *CURRENT)
+    study, truths = played_study([suite]), {}
+    for row in connection.execute(f"SELECT DISTINCT {quoted(names)} FROM trials").fetchall():
+        connection.execute(
+            f"INSERT OR REPLACE INTO current VALUES ({', '.join('?' * (len(row) + 1))})",
+            (*row, checksum(*row)),
+        )
+        told = dict(zip(names, row, strict=True))
+        place = told["scenario"], told["sensor"]
+        code = checksum(*(told[n] for n in VERSION_COLUMNS if n != "estimator_version"))
+        if place not in truths:
+            truths[place] = pack_truth(study.scenes.truth(place[0], 0, place[1]))
+        of_draw = 0 if study.scenario(place[0]).family else -1  # a fixed one is of any seed
+        scene = (place[0], of_draw, salt_id(suite.salt), place[1], code, truths[place])
+        connection.execute("INSERT OR REPLACE INTO scenes VALUES (?, ?, ?, ?, ?, ?)", scene)
 
 
 def _rows(

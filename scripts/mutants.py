@@ -48,7 +48,6 @@ from cosmic_ray.operators.operator import Operator
 
 ROOT = Path(__file__).parents[1]
 PACKAGES = ("games", "envs", "estimators", "bench")
-EXPLAINED = ROOT / "docs/mutants.md"
 SEED = 2026
 #: Time limits [s] of the tests of a mutant: processor time of one process, and wall-clock time. A
 #: module's tests take a fraction of them. With wall-clock time alone, other work on the machine
@@ -352,7 +351,6 @@ def _pytest(tree: Path, tests: tuple[str, ...]) -> Result:
 
 def report(results: list[tuple[Mutant, Result]]) -> None:
     """Print the share of noticed mutants by package, and the survivors."""
-    explained = EXPLAINED.read_text()
     print("\npackage      mutants  noticed  share")
     for package in (*PACKAGES, ""):
         outcomes = [result for mutant, result in results if mutant.module.startswith(package)]
@@ -362,13 +360,13 @@ def report(results: list[tuple[Mutant, Result]]) -> None:
     print("\nsurvivors")
     left = [mutant for mutant, result in results if result.outcome in ("passed", "no tests")]
     for mutant in in_order(left):
-        show(mutant, ", explained" if f"`{mutant.after}`" in explained else "")
+        show(mutant)
 
 
-def show(mutant: Mutant, said: str = "") -> None:
+def show(mutant: Mutant) -> None:
     """Print a mutant and its tests."""
     tests = " ".join(mirror(mutant.module)) or "no test file"
-    print(f"{mutant.module}:{mutant.line} ({tests}{said})")
+    print(f"{mutant.module}:{mutant.line} ({tests})")
     print(f"    - {mutant.before}\n    + {mutant.after}")
 
 

@@ -97,17 +97,27 @@ def ranks(runs: tuple[Path, ...]) -> None:
     as both are of draws; that share is printed, too. Prints shares and what does not agree, and
     where one run's significant win in a scenario is the other's loss.
     """
-    boards = [pd.read_csv(folder / "leaderboard.csv") for folder in runs]
     levels = [pd.read_csv(folder / "errors_by_noise.csv") for folder in runs]
-    tests = [pd.read_csv(folder / "comparisons.csv") for folder in runs]
+    scored = all((folder / "scores.csv").is_file() for folder in runs)
+    if not scored:
+        print("only medians are compared: a run has no scores.csv")
     for error in ERRORS:
-        scores = _both(boards, ["scenario", "sensor", "estimator"], f"{error}_score_")
-        _say(f"{error}: intervals of scores meet in", _reaches(scores, "low", "high"))
-        _say(f"{error}: no pair is significant one way and the other in", _agreed(tests, error))
+        if scored:
+            _say(f"{error}: intervals of scores meet in", _scores_meet(runs, error))
+            tests = [pd.read_csv(folder / "comparisons.csv") for folder in runs]
+            _say(f"{error}: no pair is significant one way and the other in", _agreed(tests, error))
         both = _both(levels, LEVEL, f"{error}_")
         within = _reaches(both, "median", "median").mean()
         print(f"{error}: each median within the other's interval in {within:.1%} of {len(both)}")
         _say(f"{error}: intervals of medians meet in", _reaches(both, "low", "high"))
+
+
+def _scores_meet(runs: tuple[Path, ...], error: str) -> pd.Series:
+    """Whether intervals of scores meet, by scenario, sensor and estimator."""
+    tables = [pd.read_csv(folder / "scores.csv") for folder in runs]
+    scores = [table[(table["error"] == error) & table["sigma"].isna()] for table in tables]
+    both = _both(scores, ["scenario", "sensor", "estimator"], "score_")
+    return _reaches(both, "low", "high")
 
 
 def _say(what: str, agrees: pd.Series) -> None:
@@ -119,7 +129,7 @@ def _say(what: str, agrees: pd.Series) -> None:
 def _agreed(tests: list[pd.DataFrame], error: str) -> pd.Series:
     """Whether no run's significant win is a significant loss in the other, by pair."""
     told = [table[table["error"] == error].set_index(PAIR) for table in tests]
-    both = told[0].join(told[1], lsuffix="_1", rsuffix="_2", how="inner")
+    both = told[0].merge(told[1], on=PAIR, suffixes=("_1", "_2"))
     clear = (both["p_holm_1"] < SIGNIFICANCE) & (both["p_holm_2"] < SIGNIFICANCE)
     return ~(clear & ((both["ratio_1"] < 1) != (both["ratio_2"] < 1)))
 

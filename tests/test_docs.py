@@ -36,7 +36,7 @@ RUN_HERE = (
     "docs/estimators.md",
 )
 #: Those of them that only ``.ci/run`` runs.
-TAKES_LONG = ("docs/study_commands.md",)
+TAKES_LONG = ("README.md", "docs/study_commands.md")
 #: Pages that have their own test: below, or in ``test_recordings_guide.py`` and
 #: ``test_learning_guide.py``.
 RUN_ELSEWHERE = ("docs/environments.md", "docs/recordings.md", "docs/learning.md")

@@ -5,6 +5,7 @@ import runpy
 from pathlib import Path
 
 import numpy as np
+import pytest
 from PIL import Image, ImageSequence
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
@@ -25,6 +26,7 @@ def test_play_olne_saves_an_episode_in_which_cars_overtake(tmp_path, monkeypatch
     assert overtaken.any()
 
 
+@pytest.mark.long
 def test_a_network_is_learnt_and_predicts_like_the_true_cost():
     """From six drives and for six held-out ones; the example has eight and twenty."""
     example = runpy.run_path(str(EXAMPLES / "lane_network.py"))

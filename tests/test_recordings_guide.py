@@ -23,6 +23,7 @@ def blocks(language: str) -> list[str]:
     ]
 
 
+@pytest.mark.long
 def test_every_command_does_what_the_page_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

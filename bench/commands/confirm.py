@@ -9,10 +9,10 @@ import click
 from olne_bench.bench.plan.suite import Suite, read_suite_json
 from olne_bench.bench.plan.trial import Trial, expand
 from olne_bench.bench.report.confirmations import Confirmation, write_confirmations
-from olne_bench.bench.report.fresh_draws import Machine, Suspect, suspects, trial_place
-from olne_bench.bench.report.fresh_draws import confirm as run_fresh
 from olne_bench.bench.report.study import study_in
 from olne_bench.bench.run.store import Store, read_store
+from olne_bench.bench.submission.fresh_draws import Machine, Suspect, suspects, trial_place
+from olne_bench.bench.submission.fresh_draws import confirm as run_fresh
 from olne_bench.errors import UserError
 
 

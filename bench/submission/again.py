@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
-from olne_bench.bench.report.fresh_draws import Machine, run_all
+from olne_bench.bench.submission.fresh_draws import Machine, run_all
 from olne_bench.bench.submission.rows import Key, Rows, described, difference
 
 #: A machine may be slower than another one by this factor. A trial that reached its time limit is

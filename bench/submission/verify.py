@@ -16,14 +16,6 @@ from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.report.confirmations import Confirmation
-from olne_bench.bench.report.fresh_draws import (
-    FEWEST,
-    Machine,
-    confirm,
-    row_of,
-    suspects,
-    trial_place,
-)
 from olne_bench.bench.report.statistics.attempts import errors_of
 from olne_bench.bench.report.study import Study, primary
 from olne_bench.bench.submission.again import Repeated, outcomes_of, repeat
@@ -45,6 +37,14 @@ from olne_bench.bench.submission.fresh import (
     compare_fresh,
     fresh_trials,
     has_truth,
+)
+from olne_bench.bench.submission.fresh_draws import (
+    FEWEST,
+    Machine,
+    confirm,
+    row_of,
+    suspects,
+    trial_place,
 )
 from olne_bench.bench.submission.manifest import PLUGINS, Submission, read_submission
 from olne_bench.bench.submission.played import played_study

@@ -22,45 +22,21 @@ REFUSED = [
     for one in group
     if one.status == "refused"
 ]
+#: Of those whose like is not in tests/bench/run/test_executor.py.
 QUICK = [
-    "Segfaults",
-    "KillsItself",
     "KillsTheDriver",
-    "Exits",
-    "DiesWithAChild",
-    "BusyLoops",
     "BlocksSignals",
-    "HangsInAProperty",
-    "HangsAtLaterImport",
     "AsksForEverything",
     "HoardsInChildren",
-    "LongMessage",
     "LongException",
-    "Nothing",
     "Recursive",
     "LazySequence",
-    "CovarianceOfNaN",
-    "CovarianceOfOnePlayer",
-    "OddRegion",
-    "RegionOfNothing",
-    "FewSamples",
-    "SamplesOfNaN",
-    "FlatSamples",
     "RaisesBase",
-    "OwnStartError",
-    "HasNoText",
-    "MetaclassRaises",
     "ForksTwice",
-    "LeavesADaemonThread",
     "SendsHalfAMessage",
     "ForgesAStage",
     "SendsAPickle",
-    "ForgesInfinity",
     "ChangesEverything",
-    "WritesALogBesideItself",
-    "FailsItsLaterImport",
-    "NeedsAHelper",
-    "NeedsAnotherHelper",
 ]
 
 

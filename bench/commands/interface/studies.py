@@ -15,7 +15,7 @@ from olne_bench.bench.commands.options import (
 from olne_bench.bench.plan.outcome import RETRIES
 from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS
 
-#: Repeats ``report.fresh_draws.FEWEST``, whose import is slow.
+#: Repeats ``submission.fresh_draws.FEWEST``, whose import is slow.
 FEWEST = 20
 
 
@@ -124,7 +124,7 @@ def report() -> None:
 def compare() -> None:
     """Compare two runs trial by trial, on the same noise.
 
-    It compares the errors that rank estimators, and which trials fail. BEFORE and AFTER may be the
+    It compares the errors that count in scores, and which trials fail. BEFORE and AFTER may be the
     same folder, to compare two estimators of one run.
 
     Exit code 0 if nothing got significantly worse (permutation test, 5 %, Holm's correction), 1 if

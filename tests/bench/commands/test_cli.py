@@ -105,11 +105,12 @@ def test_list_names_everything(capsys):
 
 def test_a_part_has_the_rows_of_the_whole_and_a_rerun_adds_none(tmp_path, capsys):
     whole, part = tmp_path / "whole", tmp_path / "part"
-    main([*PART, "--out", str(whole), "--seeds", "2"])
+    both = [*PART, "--sigma", "0.05", "--sigma", "0.1"]
+    main([*both, "--out", str(whole), "--seeds", "2"])
     main([*PART, "--out", str(part), "--seeds", "1", "--sigma", "0.05", "--jobs", "1"])
     capsys.readouterr()
-    main([*PART, "--out", str(whole), "--seeds", "2"])
-    assert "33 of 33 trials are done already" in capsys.readouterr().err
+    main([*both, "--out", str(whole), "--seeds", "2"])
+    assert "12 of 12 trials are done already" in capsys.readouterr().err
 
     rows = pd.read_parquet(whole / "trials.parquet").drop(columns="solve_seconds")
     wanted = (rows["sigma"] == 0.05) & (rows["seed"] == 0)
@@ -124,7 +125,7 @@ def test_a_part_has_the_rows_of_the_whole_and_a_rerun_adds_none(tmp_path, capsys
 
 def test_another_suite_is_refused_in_the_same_folder(tmp_path, capsys):
     select = ["--scenario", "two_player", "--estimator", "uniform", "--sigma", "0.1"]
-    main(["run", "quick", *select, "--seeds", "1", "--no-figures", "--out", str(tmp_path)])
+    main(["run", "quick", *select, "--seeds", "1", "--no-report", "--out", str(tmp_path)])
     capsys.readouterr()
     assert "holds a run of suite 'quick'" in fails(capsys, "run", "paper", "--out", tmp_path)
 
@@ -266,7 +267,7 @@ def test_help_and_list_import_nothing_slow():
 
 def test_what_help_repeats_is_true():
     """Some numbers and names stand in the interface again, as imports of their homes are slow."""
-    from olne_bench.bench.report.fresh_draws import FEWEST
+    from olne_bench.bench.submission.fresh_draws import FEWEST
     from olne_bench.envs.track_formats import format_names
 
     assert studies.FEWEST == FEWEST

@@ -196,7 +196,11 @@ def test_an_exception_names_its_place(plugin):
     assert "plugin.py:" in outcome.message
 
 
-@pytest.mark.parametrize("kind", KINDS, ids=lambda kind: kind.name)
+@pytest.mark.parametrize(
+    "kind",
+    [pytest.param(kind, marks=[pytest.mark.long] * (kind is ESTIMATOR)) for kind in KINDS],
+    ids=lambda kind: kind.name,
+)
 def test_a_new_plugin_passes_its_own_test(kind, tmp_path, monkeypatch, capsys):
     monkeypatch.chdir(tmp_path)
     name = f"my_{kind.name}"
@@ -336,15 +340,15 @@ def test_every_check_of_other_kinds_finds_its_fault(tmp_path, kind, name, which,
 def test_one_that_dies_fails_with_exit_code_1(tmp_path, capsys):
     plugin = tmp_path / "dies.py"
     plugin.write_text(
-        "import os\nclass Dies:\n    name = 'dies'\n"
-        "    def estimate(self, *a, **k):\n        os._exit(3)\n"
+        "import os\nclass Dies:\n    name = 'dies'\n    def layers(self):\n        os._exit(3)\n"
     )
     with pytest.raises(SystemExit) as caught:
         main(["check", str(plugin)])
     assert caught.value.code == 1
     said = capsys.readouterr().out
-    assert "FAIL  shapes and simplex: the process died with exit code 3" in said
-    assert f"{len(CHECKS)} checks failed" in said
+    first, *others = checks_of(SENSOR)
+    assert f"FAIL  {first}: the process died with exit code 3" in said
+    assert f"{1 + len(others)} checks failed" in said
 
 
 UNMADE = """class Unmade:

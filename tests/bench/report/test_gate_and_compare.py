@@ -248,7 +248,7 @@ def test_a_part_of_a_suite_does_not_pass_for_the_whole(tmp_path, capsys):
     suite = tmp_path / "small.toml"
     suite.write_text(SUITE.replace("seeds = 12", "seeds = 2") + GATE)
     out = tmp_path / "run"
-    command = ["run", str(suite), "--out", str(out), "--no-figures", "--jobs", "1"]
+    command = ["run", str(suite), "--out", str(out), "--no-report", "--jobs", "1"]
     main([*command, "--seeds", "1"])
     assert call("gate", out) == 0
     assert "; only a part of the suite was run: --seeds 1" in capsys.readouterr().out
@@ -273,7 +273,7 @@ def test_limits_of_scenarios_and_estimators_are_not_missed(tmp_path, capsys):
         + GATE
     )
     out = tmp_path / "run"
-    main(["run", str(suite), "--out", str(out), "--no-figures", "--jobs", "1"])
+    main(["run", str(suite), "--out", str(out), "--no-report", "--jobs", "1"])
     assert call("gate", out) == 0
     assert "3 of 3 limits hold\n" in capsys.readouterr().out
 
@@ -289,7 +289,7 @@ def test_a_selection_has_to_be_done_as_well(tmp_path, capsys):
     suite.write_text(SUITE.replace("seeds = 12", "seeds = 2") + GATE)
     halves = tmp_path / "a", tmp_path / "b"
     for half, sensor in zip(halves, ("full", "partial"), strict=True):
-        command = ["run", str(suite), "--out", str(half), "--no-figures", "--jobs", "1"]
+        command = ["run", str(suite), "--out", str(half), "--no-report", "--jobs", "1"]
         main([*command, "--sensor", sensor])
     assert call("gate", halves[0]) == 0
     lose(halves[1], "estimator = 'kkt_residual' AND seed = 1")
@@ -308,7 +308,7 @@ def test_a_selection_has_to_be_done_as_well(tmp_path, capsys):
 def test_what_a_comparison_does_not_see_is_said(run, tmp_path, capsys):
     suite = tmp_path / "other.toml"
     suite.write_text(SUITE.replace("small", "other").replace("seeds = 12", "seeds = 3"))
-    main(["run", str(suite), "--out", str(tmp_path / "b"), "--no-figures", "--jobs", "1"])
+    main(["run", str(suite), "--out", str(tmp_path / "b"), "--no-report", "--jobs", "1"])
     capsys.readouterr()
     assert call("compare", run, tmp_path / "b") == 0
     said = capsys.readouterr().err

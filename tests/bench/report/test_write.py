@@ -98,11 +98,24 @@ def test_what_cannot_be_written_is_one_line(tmp_path: Path) -> None:
         write_report(tmp_path, ())
 
 
-def test_a_run_whose_plugins_are_gone_has_its_scenes_and_figures(tmp_path: Path, embedded) -> None:
+def test_a_report_plays_and_solves_nothing_and_needs_no_plugin(tmp_path: Path, embedded) -> None:
     fill(tmp_path)
-    report = write_report(tmp_path, ("png",))
-    assert not [note for note in report.notes if "trajectories" in note or "known" in note]
-    assert len(report.tables.identifiability) == 2 * 8
+    code = (
+        "import json, sys; from pathlib import Path\n"
+        "from olne_bench.bench.report.write import write_report\n"
+        "report = write_report(Path(sys.argv[1]), ('png',))\n"
+        "print(json.dumps([report.notes, [*sys.modules]]))"
+    )
+    said = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)], check=True, capture_output=True, text=True
+    )
+    notes, modules = json.loads(said.stdout)
+    used = {name.removeprefix("olne_bench.") for name in modules}
+    assert "bench.report.scenes" in used
+    assert not used & {"bench.judge.truth", "bench.judge.trials", "games.solve.nearest_root"}
+    assert not used & {"games.solve.information", "games.solve.root_following", "mine"}
+    assert not [note for note in notes if "trajectories" in note or "known" in note]
+    assert len(pd.read_csv(tmp_path / "identifiability.csv")) == 2 * 8
     assert {"trial_mine.png", "identifiability_mine.png"} <= {
         path.name for path in (tmp_path / "figures").iterdir()
     }
@@ -126,19 +139,3 @@ def test_what_is_damaged_is_said_and_the_rest_is_written(tmp_path: Path, table: 
     what = {"scenes": "truth", "motions": "motion"}[table]
     assert f"a stored {what} is damaged" in line and line.isprintable()
     assert len(report.tables.identifiability) == (0 if table == "scenes" else 16)
-
-
-def test_a_report_plays_and_solves_nothing(tmp_path: Path) -> None:
-    fill(tmp_path)
-    code = (
-        "import json, sys; from pathlib import Path\n"
-        "from olne_bench.bench.report.write import write_report\n"
-        "write_report(Path(sys.argv[1]), ('png',)); print(json.dumps([*sys.modules]))"
-    )
-    said = subprocess.run(
-        [sys.executable, "-c", code, str(tmp_path)], check=True, capture_output=True, text=True
-    )
-    used = {name.removeprefix("olne_bench.") for name in json.loads(said.stdout)}
-    assert "bench.report.scenes" in used
-    assert not used & {"bench.judge.truth", "bench.judge.trials", "games.solve.nearest_root"}
-    assert not used & {"games.solve.information", "games.solve.root_following", "mine"}

@@ -111,35 +111,10 @@ class Mutates(Good):
     def estimate(self, problem, observation, *, rng, budget):
         observation.y[0] = 0
 
-class Nothing(Good):
-    name = "Nothing"
-    def estimate(self, *args, **kwargs):
-        return None
-
 class Shape(Good):
     name = "Shape"
     def estimate(self, *args, **kwargs):
         return SimpleNamespace(weights=np.ones((3, 4)))
-
-class NotANumber(Good):
-    name = "NotANumber"
-    def estimate(self, *args, **kwargs):
-        return SimpleNamespace(weights=np.full((2, 4), np.nan))
-
-class Negative(Good):
-    name = "Negative"
-    def estimate(self, *args, **kwargs):
-        return SimpleNamespace(weights=np.full((2, 4), -1.0))
-
-class Text(Good):
-    name = "Text"
-    def estimate(self, *args, **kwargs):
-        return SimpleNamespace(weights="heavy")
-
-class States(Good):
-    name = "States"
-    def estimate(self, *args, **kwargs):
-        return SimpleNamespace(weights=np.ones((2, 4)), states=np.zeros((1, 2, 4)))
 
 class GivesUp(Good):
     name = "GivesUp"
@@ -174,12 +149,7 @@ EXPECTED = {
     "ClosesEverything": ("crash", "closed its connection"),
     "Raises": ("crash", "RuntimeError: no idea"),
     "Mutates": ("crash", "read-only"),
-    "Nothing": ("invalid", "returned NoneType without 'weights'"),
     "Shape": ("invalid", "weights have the shape (3, 4), expected (2, 4)"),
-    "NotANumber": ("invalid", "not finite"),
-    "Negative": ("invalid", "negative"),
-    "Text": ("invalid", "not an array of numbers"),
-    "States": ("invalid", "states have the shape (1, 2, 4)"),
     "GivesUp": ("not_converged", "lost"),
     "Refuses": ("skipped", "too many players"),
     "Random": ("ok", ""),

@@ -10,9 +10,9 @@ import pytest
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial, expand
-from olne_bench.bench.report.fresh_draws import Machine
 from olne_bench.bench.submission import again
 from olne_bench.bench.submission.again import SLOWER, Repeated, outcomes_of, repeat
+from olne_bench.bench.submission.fresh_draws import Machine
 
 MACHINE = Machine(jobs=4, memory=2**30, hidden=Path("/hidden"))
 OK = Outcome("ok", solve_seconds=0.1, scores={"position_error": 0.5}, trial_seconds=0.2)

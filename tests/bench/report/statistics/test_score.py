@@ -88,7 +88,7 @@ def test_intervals_and_tests_tell_a_difference_from_noise() -> None:
 
 def test_chance_alone_is_rarely_significant() -> None:
     same, found = trials({"map": 1.0, "bilevel": 1.0}), []
-    for seed in range(40):
+    for seed in range(16):
         noise = np.exp(np.random.default_rng(seed).normal(size=len(same)))
         told = same.assign(position_error=same["position_error"] * noise)
         pairs = pair_table(log_errors(told, STUDY), STUDY)

@@ -12,10 +12,17 @@ from olne_bench.bench.judge.truth import Draw
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import expand
-from olne_bench.bench.report import fresh_draws
 from olne_bench.bench.report.confirmations import read_confirmations, write_confirmations
-from olne_bench.bench.report.fresh_draws import FEWEST, Machine, Suspect, compared, confirm, run_all
 from olne_bench.bench.run.study import LOG
+from olne_bench.bench.submission import fresh_draws
+from olne_bench.bench.submission.fresh_draws import (
+    FEWEST,
+    Machine,
+    Suspect,
+    compared,
+    confirm,
+    run_all,
+)
 from olne_bench.errors import UserError
 
 LEVELS = (0.01, 0.1)
