@@ -308,15 +308,18 @@ def _basis(num_weights: int) -> np.ndarray:
     return np.ascontiguousarray(sum_free(num_weights))
 
 
-@lru_cache(maxsize=128)
 def _structure(solver: Elimination) -> _Structure:
     stages = solver.stages
-    functions = (getattr(solver.library, name) for name in _FUNCTIONS)
     primal = stages.num_states + stages.num_controls
-    return _Structure(
-        *(stages.num_states, stages.num_weights, stages.size, primal),
-        *(ctypes.cast(function, ctypes.c_void_p).value for function in functions),
-    )
+    sizes = stages.num_states, stages.num_weights, stages.size, primal
+    return _table(solver.library, *sizes)
+
+
+@lru_cache(maxsize=128)
+def _table(library: ctypes.CDLL, *sizes: int) -> _Structure:
+    functions = (getattr(library, name) for name in _FUNCTIONS)
+    addresses = (ctypes.cast(function, ctypes.c_void_p).value for function in functions)
+    return _Structure(*sizes, *addresses)
 
 
 @lru_cache(maxsize=1)

@@ -61,18 +61,7 @@ def solve_joint_ipopt(
         bool(np.any(settings.barrier)),
     )
     weights = np.mean([start.weights for start in starts], axis=0)
-    parts = [_flat(start) for start in starts]
-    lower = np.full(sum(part.size for part in parts) + weights.size, -np.inf)
-    lower[-weights.size :] = settings.weight_floor
-    data = [observation_parameters(y, settings.noise_scale) for y in ys]
-    strengths = np.broadcast_to(settings.barrier, weights.shape).ravel()
-    solution = solver(
-        x0=np.concatenate([*parts, weights.ravel()]),
-        lbx=lower,
-        p=np.concatenate([*data, [settings.tie, settings.weight_floor], strengths]),
-        lbg=0,
-        ubg=0,
-    )
+    solution = solver(**_given(ys, starts, weights, settings), lbg=0, ubg=0)
     trajectories, own = np.split(np.array(solution["x"]).ravel(), [-weights.size])
     # IPOPT may violate a bound by its tolerance.
     weights = np.maximum(own, 0.0).reshape(weights.shape)
@@ -86,6 +75,25 @@ def solve_joint_ipopt(
         detail=detail,
         penalty=penalty,
     )
+
+
+def _given(
+    ys: Sequence[np.ndarray],
+    starts: Sequence[JointPoint],
+    weights: np.ndarray,
+    settings: JointSettings,
+) -> dict[str, np.ndarray]:
+    """Start, lower bounds and parameters of the solver."""
+    parts = [_flat(start) for start in starts]
+    lower = np.full(sum(part.size for part in parts) + weights.size, -np.inf)
+    lower[-weights.size :] = settings.weight_floor
+    data = [observation_parameters(y, settings.noise_scale) for y in ys]
+    strengths = np.broadcast_to(settings.barrier, weights.shape).ravel()
+    return {
+        "x0": np.concatenate([*parts, weights.ravel()]),
+        "lbx": lower,
+        "p": np.concatenate([*data, [settings.tie, settings.weight_floor], strengths]),
+    }
 
 
 def _flat(point: JointPoint) -> np.ndarray:
