@@ -22,6 +22,7 @@ TESTS = (
     "tests/games/compiled/test_elimination.py",
     "tests/games/compiled/test_row_functions.py",
     "tests/estimators/shared/test_interior_point.py",
+    "tests/estimators/shared/test_pooled.py::test_drivers_of_different_games_are_recovered_without_noise",
 )
 #: The code of games on lanes is a megabyte long, and five players test no more than two.
 LEFT_OUT = "not lanes and not highway"
