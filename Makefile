@@ -34,9 +34,9 @@ $(VENV)/.installed: pyproject.toml constraints.txt
 	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[dev]"
 	touch $@
 
-# Some 5 GB, most of it PyTorch: only what trains or tests training waits for it.
+# Some 5 GB, most of it PyTorch: only what trains, tests training or runs NashOpt waits for it.
 $(VENV)/.learners: $(VENV)/.installed
-	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[rl]"
+	PIP_CONSTRAINT=constraints.txt $(BIN)/python -m pip install --quiet --disable-pip-version-check --editable ".[rl,peers]"
 	touch $@
 
 setup: $(VENV)/.installed

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+import olne_bench as ob
 from olne_bench.bench.commands.cli import cli, main
 from olne_bench.bench.commands.interface import COMMANDS
 from olne_bench.envs.worlds import wrappers
@@ -112,7 +113,7 @@ def test_a_page_runs(name, tmp_path, monkeypatch):
         elif block.language == "sh":
             # README shows what a run leaves; elsewhere the commands that follow need the trials.
             run_commands(block.text, "--no-figures" if name == "README.md" else "--no-report")
-    if name == "README.md":
+    if name == "docs/highway.md":
         check_film("highway.gif")
 
 
@@ -164,7 +165,7 @@ def test_environments_guide(tmp_path, monkeypatch):
 def test_ten_lines_are_the_examples():
     for example, block in (
         ("play_olne.py", code_blocks("docs/environments.md")[0]),
-        ("highway_overtaking.py", code_blocks("README.md")[-1]),
+        ("highway_overtaking.py", code_blocks("docs/highway.md")[-1]),
     ):
         assert (ROOT / "examples" / example).read_text().endswith(block)
 
@@ -175,6 +176,12 @@ def test_tables_are_those_of_the_results(monkeypatch):
     for name in script["PAGES"]:
         page = (ROOT / name).read_text()
         assert script["filled"](page) == page, f"{name}: run scripts/docs_tables.py"
+
+
+def test_readme_is_short_and_counts_the_estimators():
+    text = (ROOT / "README.md").read_text()
+    assert len(text.splitlines()) <= 120
+    assert f"{len(ob.estimators())}, behind one interface" in text
 
 
 def test_one_version():

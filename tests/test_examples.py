@@ -2,11 +2,14 @@
 
 import itertools
 import runpy
+import warnings
 from pathlib import Path
 
 import numpy as np
 import pytest
 from PIL import Image, ImageSequence
+
+import olne_bench as ob
 
 EXAMPLES = Path(__file__).parent.parent / "examples"
 
@@ -54,3 +57,20 @@ def test_a_comparison_in_ten_lines(tmp_path, monkeypatch):
     assert set(result.frame["estimator"]) == {"map", "kkt_residual", "Guess"}
     with Image.open(tmp_path / "compare.png") as picture:
         assert np.array(picture.convert("L")).std() > 5
+
+
+@pytest.mark.learners
+def test_nashopt_gets_the_costs_and_motions_of_the_game():
+    """Its whole estimate takes half a minute, and needs what only ``make perf`` installs."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # one of its own dependencies is deprecated
+        example = runpy.run_path(str(EXAMPLES / "nashopt_inverse.py"))
+    for name in ("two_player", "merge"):
+        scenario = ob.scenario(name)
+        truth = ob.solve_olne(scenario.game, scenario.weights, scenario.initial_state)
+        decisions = truth.controls.transpose(1, 0, 2).ravel()
+        states, costs = example["JaxGame"](scenario.game).played(
+            decisions, scenario.initial_state.ravel(), scenario.weights.ravel()
+        )
+        np.testing.assert_allclose(states.reshape(truth.states.shape), truth.states, atol=1e-6)
+        np.testing.assert_allclose(costs, truth.certificate.costs, rtol=1e-6)

@@ -29,7 +29,7 @@ No fit: share of noisy trials whose residuals noise does not explain; 1 % if the
 / bound: mean cosine error over its statistical limit (the Cramer-Rao bound) at little noise.
 Time: median of one estimate; those that were stopped or broke off count as infinitely slow."""
 _FLOOR_LEGEND = """
-uniform is the floor: equal weights. In two_player the true weights happen to be equal."""
+uniform is the floor: equal weights, which are the published ones of two_player."""
 
 
 @dataclass(frozen=True)

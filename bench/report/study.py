@@ -38,7 +38,7 @@ IDENTIFIABLE = MetricDeclaration(
     worst=1.0,
     gated=True,
     negligible=1e-7,
-    description="The cosine error less what the data cannot show at 0.01 m.",
+    description="The cosine error without the part that no data of 0.01 m noise can show.",
 )
 
 #: A failure, compared like an error: 1 for an attempt without a prediction, else 0.

@@ -48,7 +48,7 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
         note = f" ({name} stretched × {scene.stretch:g})"
     figure.suptitle(
         f"{scene.name}, draw {seed}: σ = {choice.sigma:g} m, sensor {choice.sensor}{note}\n"
-        "the draw with the median difference of both errors",
+        "the draw in which their errors differ by the median amount",
         fontsize=9,
     )
     style.legend_below(figure, _entries(scene))
