@@ -42,6 +42,9 @@ _TAIL = 0.03
 _FEWEST = 10.0
 
 _FLAT = 1e-12  # precision of initial states
+#: Residuals of samples that a fit explains nearly alone, as near folds, are not scaled up further:
+#: they are as small as that only where the fit is linear.
+_LEAST_LEFT = 0.2
 _KINDS = ("size", "order", "outliers")
 
 
@@ -143,7 +146,7 @@ class Expected:
         draws = np.random.default_rng(0).standard_normal((_DRAWS, n))
         draws -= (draws @ left * cut) @ left.T
         variances = 1 - (left**2) @ (sizes**2 / (sizes**2 + 1))
-        deviations = np.sqrt(np.maximum(variances, 1e-6))
+        deviations = np.sqrt(np.maximum(variances, _LEAST_LEFT))
         found = layout.statistics(draws, deviations)
         moments = found.mean(axis=0), found.std(axis=0), skew(found, axis=0)
         by_player = np.zeros(seen.shape)

@@ -63,6 +63,9 @@ _LEAST_TURN = 0.2
 #: Roots this close to each other [m] count as one.
 _SAME = 1e-6
 
+#: A motion is that of a root this close to it [m].
+_SAME_MOTION = 0.05
+
 
 @dataclass(frozen=True)
 class SolvedGame:
@@ -344,9 +347,11 @@ def game_of_motion(game: Game, states: np.ndarray, theta: np.ndarray) -> SolvedG
     controls = guess_controls(game, states)
     costates = consistent_costates(game, states, controls, theta)
     try:
-        return game_at(game, newton_root(game, states, controls, costates, theta), theta)
+        root = newton_root(game, states, controls, costates, theta)
     except ValueError:
         return None
+    moved = np.abs(root.states - states).max()
+    return game_at(game, root, theta) if moved < _SAME_MOTION else None
 
 
 def game_of_batch(problem: Problem, batch: Batch, index: int, theta: np.ndarray) -> SolvedGame:
