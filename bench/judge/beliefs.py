@@ -95,7 +95,8 @@ class EstimatedBeliefs:
 
     A stream is about certain cars. Where they change, another one begins with the samples of the
     window at which all of its cars were seen. What was known of a car before counts until the new
-    stream has as many samples as are left of those behind it, were one forgotten at each step.
+    stream has more samples than the old knowledge is worth: its samples, less one for each step
+    since.
 
     The stream's game is as long as the plans of Nash traffic, and begins with its window. A longer
     one is another game: what it takes for weights and target speeds predicts less well.
