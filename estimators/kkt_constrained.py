@@ -71,7 +71,6 @@ from olne_bench.games.compiled.elimination import Elimination
 from olne_bench.games.model.constraints import refuse_constraints
 from olne_bench.games.model.unknowns import refuse_unknowns
 from olne_bench.games.solve.information import deviations_of, of_weights
-from olne_bench.games.solve.newton import Root
 
 _SOLVERS = ("structured", "ipopt")
 
@@ -98,7 +97,6 @@ class KktConstrained:
 
     name: ClassVar[str] = "kkt_constrained"
     several: ClassVar[bool] = True
-    _region: ClassVar[str | None] = LIKELIHOOD
     solver: str = "structured"
     max_iterations: int = 300
 
@@ -155,20 +153,14 @@ class KktConstrained:
         converged, message = _verdict(problem, _motions(problem, observations), best)
         if late and converged and not message:
             message = f"time limit reached in start {starts}; the optimum is that of starts so far"
-        games = [
-            SolvedGame(
-                Root(p.states, p.controls, p.costates, residual=0.0), p.weights, p.parameters
-            )
-            for p in points
-        ]
-        known = Certainty(None)
+        games, known = games_of(best), Certainty(None)
         if converged:
             solver = None
             if not self._uses_ipopt:
                 solver = joint_elimination(problem.game, problem.view)
             known = self._certainty(problem, observations, games, solver)
         game, standardised = problem.game, points[0].parameters
-        region = self._region_of(problem)
+        region = self._region(problem)
         return Estimate(
             weights=points[0].weights,
             states=points[0].states,
@@ -181,9 +173,9 @@ class KktConstrained:
             extras={"objective": best.objective, "starts": starts},
         )
 
-    def _region_of(self, problem: Problem) -> str | None:
+    def _region(self, problem: Problem) -> str | None:
         """The region that an estimate claims."""
-        return self._region
+        return LIKELIHOOD
 
     def _attempts(self, problem: Problem, y: np.ndarray, deadline: float) -> list[JointSolution]:
         if self._uses_ipopt:

@@ -70,16 +70,15 @@ class Map(KktConstrained):
     """
 
     name: ClassVar[str] = "map"
-    _region: ClassVar[str | None] = POSTERIOR
     alpha: float | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         check_alpha(self.alpha)
 
-    def _region_of(self, problem: Problem) -> str | None:
+    def _region(self, problem: Problem) -> str | None:
         own = prior_of(problem, self.alpha) != problem.prior
-        return None if own else super()._region_of(problem)
+        return None if own else POSTERIOR  # the referee's has the problem's prior
 
     def _settings(self, problem: Problem) -> JointSettings:
         return with_prior(super()._settings(problem), problem, prior_of(problem, self.alpha))

@@ -36,7 +36,9 @@ class Ridge(KktConstrained):
     """
 
     name: ClassVar[str] = "ridge"
-    _region: ClassVar[str | None] = None
+
+    def _region(self, problem: Problem) -> str | None:
+        return None
 
     def _settings(self, problem: Problem) -> JointSettings:
         pull = problem.sigma**2

@@ -22,7 +22,7 @@ from olne_bench.bench.plan.trial import Trial, expand
 from olne_bench.estimators.kkt_constrained import KktConstrained, solver_tolerance
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.shared.certainty import likelihood_certainty
-from olne_bench.estimators.shared.forward_model import SolvedGame, squared_error_of
+from olne_bench.estimators.shared.forward_model import game_of_point, squared_error_of
 from olne_bench.estimators.shared.interior_point import joint_elimination
 from olne_bench.estimators.shared.joint_ipopt import solve_joint_ipopt
 from olne_bench.estimators.shared.joint_problem import JointPoint, JointSettings, JointSolution
@@ -31,7 +31,6 @@ from olne_bench.estimators.shared.joint_starts import starts as all_starts
 from olne_bench.estimators.shared.trajectory_fit import fit_trajectory
 from olne_bench.estimators.shared.white_noise import with_white_noise
 from olne_bench.games.solve.information import of_weights
-from olne_bench.games.solve.newton import Root
 
 KEY = ["scenario", "sensor", "sigma", "seed"]
 RIVALS = ("ipopt", "compact")
@@ -215,15 +214,13 @@ def _deviation(problem: Problem, seen: Observation, found: JointSolution) -> flo
     """The largest standard deviation of a weight, over the weight; infinite without an optimum."""
     if not found.converged:
         return np.inf
-    point = found.point
-    root = Root(point.states, point.controls, point.costates, residual=0.0)
-    games = [SolvedGame(root, point.weights, point.parameters)]
+    games = [game_of_point(found.point)]
     solver = joint_elimination(problem.game, problem.view)
     known = likelihood_certainty(problem, [seen], games, solver)
     covariance = of_weights(problem.game, known.covariance)
     if covariance is None:
         return np.inf
-    return float(np.max(np.sqrt(np.diag(covariance)) / point.weights.ravel()))
+    return float(np.max(np.sqrt(np.diag(covariance)) / games[0].weights.ravel()))
 
 
 if __name__ == "__main__":

@@ -34,11 +34,10 @@ from olne_bench.estimators.map import probable_optima
 from olne_bench.estimators.posterior import Posterior
 from olne_bench.estimators.protocol import Estimate
 from olne_bench.estimators.shared.charts import RatioChart
-from olne_bench.estimators.shared.forward_model import SolvedGame, game_at
+from olne_bench.estimators.shared.forward_model import SolvedGame, game_at, game_of_point
 from olne_bench.estimators.shared.outer_fit import least_error, least_error_in
 from olne_bench.estimators.shared.profile_intervals import OneHeld
 from olne_bench.games.model.weight_prior import FLAT
-from olne_bench.games.solve.newton import Root
 from olne_bench.games.solve.root_following import follow_root
 
 SUITE, SCENARIO, SENSOR, SIGMA, SEED = "paper", "two_player", "partial", 0.007, 31
@@ -138,8 +137,7 @@ def optimum_near(case: Case, modes: Modes, mode: int) -> Optimum:
         point = one.point
         apart = np.linalg.norm(modes.centres - coordinates(point.weights), axis=1)
         if apart.argmin() == mode:
-            root = Root(point.states, point.controls, point.costates, residual=0.0)
-            game = game_at(problem.game, root, point.weights)
+            game = game_of_point(point)
             chart = RatioChart(point.weights, problem.weight_floor)
             found.append(least_error_in(problem, (seen,), (game,), chart))
     fits = [(fit[0], fit[1][0]) for fit in found if fit is not None]

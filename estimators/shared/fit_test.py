@@ -18,7 +18,6 @@ their number, as far as they are independent (Sidak's formula with the number th
 """
 
 from dataclasses import dataclass
-from itertools import chain
 
 import numpy as np
 from scipy.stats import pearson3, skew
@@ -32,8 +31,6 @@ from olne_bench.estimators.shared.posterior_density import (
     density_near,
 )
 from olne_bench.estimators.shared.white_noise import with_white_noise
-from olne_bench.games.model.game import Game
-from olne_bench.games.model.simplex import theta_tangent
 
 _DRAWS = 1000
 #: Level at which the number of independent statistics is found.
@@ -260,35 +257,3 @@ def expected_at(place: Places, seen: np.ndarray) -> Expected:
     count = int(seen.sum())
     samples, prior = place.rows[0][:count], place.rows[0][count:]
     return Expected.of(seen, samples, np.maximum((prior**2).sum(axis=0), _FLAT))
-
-
-def samples_left(problem: Problem, seen: np.ndarray, sensitivity: np.ndarray) -> float:
-    """Number of samples less what is fitted.
-
-    Args:
-        problem: what is known; its noise is white.
-        seen: (T, N, d) which samples there are.
-        sensitivity: (T*N*d, N*(K+U) + N*n) of ``sample_sensitivity``.
-    """
-    free, precision = _fitted(problem, seen, sensitivity)
-    sizes = np.linalg.svd(free / np.sqrt(precision), compute_uv=False)
-    return float(len(free) - (sizes**2 / (sizes**2 + 1)).sum())
-
-
-def _fitted(
-    problem: Problem, seen: np.ndarray, sensitivity: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """J (n, F) over sigma, in what may change of theta and the start, and P (F,)."""
-    tangent = theta_tangent(problem.game.num_weights, problem.game.parameters.used)
-    by_theta, by_start = np.split(sensitivity[seen.ravel()], [len(tangent)], axis=1)
-    free = np.hstack([by_theta @ tangent, by_start]) / problem.sigma
-    flat = np.full(by_start.shape[1], _FLAT)
-    return free, np.concatenate([_precision(problem.game), flat])
-
-
-def _precision(game: Game) -> np.ndarray:
-    """(F,) of the tangent of theta: a uniform distribution of weights, standardised unknowns."""
-    count = game.num_weights
-    weights = [count * (count + 1.0)] * (count - 1)
-    own = (weights + [1.0] * int(used.sum()) for used in game.parameters.used)
-    return np.array(list(chain(*own)))

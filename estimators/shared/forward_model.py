@@ -92,6 +92,12 @@ class SolvedGame:
         return np.asarray(self.root.states[0])
 
 
+def game_of_point(point: JointPoint) -> SolvedGame:
+    """The game of a solution of the joint problem."""
+    root = Root(point.states, point.controls, point.costates, residual=0.0)
+    return SolvedGame(root, point.weights, point.parameters)
+
+
 def theta_of(weights: np.ndarray, parameters: np.ndarray | None) -> np.ndarray:
     """(..., N, K + U) of weights (..., N, K) and standardised parameters (..., N, U)."""
     return weights if parameters is None else np.concatenate([weights, parameters], axis=-1)

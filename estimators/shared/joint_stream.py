@@ -28,7 +28,7 @@ from olne_bench.estimators.shared.joint_problem import (
     JointSolution,
     inside,
 )
-from olne_bench.estimators.shared.joint_starts import largest_explicable
+from olne_bench.estimators.shared.joint_starts import largest_explicable, lowest
 from olne_bench.estimators.shared.white_noise import with_white_noise
 from olne_bench.estimators.shared.window_starts import seen_then_free
 from olne_bench.games.model.dynamics import rollout
@@ -103,7 +103,7 @@ class FollowedOptimum:
         best, starts = self._warm(problem, y, deadline, dropped - self._dropped), 0
         if best is None:
             attempts = self._search(problem, y, deadline)
-            best = min(attempts, key=lambda one: (not one.converged, one.criterion))
+            best = lowest(attempts)
             starts = len(attempts)
             explained = best.objective / largest_explicable(problem, [y])
             self._left = max(1.0, _GROWTH * explained) if best.converged else 1.0

@@ -13,21 +13,23 @@ likelihood then take the found level for the true one.
 
 from collections.abc import Sequence
 from dataclasses import replace
+from itertools import chain
 
 import numpy as np
 from scipy.optimize import brentq
 
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.estimators.shared.fit_test import samples_left
-from olne_bench.estimators.shared.forward_model import SolvedGame, sample_sensitivity
+from olne_bench.estimators.shared.forward_model import game_of_point, sample_sensitivity
 from olne_bench.estimators.shared.joint_problem import JointSettings, JointSolution
-from olne_bench.estimators.shared.joint_starts import joint_attempts
-from olne_bench.games.solve.newton import Root
+from olne_bench.estimators.shared.joint_starts import joint_attempts, lowest
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.simplex import theta_tangent
 
 #: Rounds at most, and the change of log sigma that ends them.
 _ROUNDS, _STILL = 5, 0.02
 #: The level is within this many deviations of its prior.
 _FARTHEST = 3.0
+_FLAT = 1e-12  # precision of initial states
 
 
 def with_found_noise(
@@ -96,16 +98,35 @@ def most_probable_level(median: float, spread: float, squared: float, left: floa
 
 def _best_fit(problem: Problem, y: np.ndarray, deadline: float) -> JointSolution:
     settings = JointSettings(noise_scale=problem.noise_scale, weight_floor=problem.weight_floor)
-    attempts = list(joint_attempts(problem, y, settings, deadline))
-    return min(attempts, key=lambda one: (not one.converged, one.criterion))
+    return lowest(list(joint_attempts(problem, y, settings, deadline)))
 
 
 def _left(problem: Problem, y: np.ndarray, fit: JointSolution) -> float:
     """Number of samples less what was fitted."""
-    point, seen = fit.point, np.isfinite(y)
-    root = Root(point.states, point.controls, point.costates, residual=0.0)
+    game, seen = game_of_point(fit.point), np.isfinite(y)
     try:
-        sensitivity = sample_sensitivity(problem, SolvedGame(root, point.weights, point.parameters))
+        sensitivity = sample_sensitivity(problem, game)
     except ValueError:  # a fold of equilibria: all unknowns count
-        return float(seen.sum() - point.theta.size - point.states[0].size)
-    return samples_left(problem, seen, sensitivity)
+        return float(seen.sum() - game.theta.size - game.initial_state.size)
+    free, precision = _fitted(problem, seen, sensitivity)
+    sizes = np.linalg.svd(free / np.sqrt(precision), compute_uv=False)
+    return float(len(free) - (sizes**2 / (sizes**2 + 1)).sum())
+
+
+def _fitted(
+    problem: Problem, seen: np.ndarray, sensitivity: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """J (n, F) over sigma, in what may change of theta and the start, and P (F,)."""
+    tangent = theta_tangent(problem.game.num_weights, problem.game.parameters.used)
+    by_theta, by_start = np.split(sensitivity[seen.ravel()], [len(tangent)], axis=1)
+    free = np.hstack([by_theta @ tangent, by_start]) / problem.sigma
+    flat = np.full(by_start.shape[1], _FLAT)
+    return free, np.concatenate([_precision(problem.game), flat])
+
+
+def _precision(game: Game) -> np.ndarray:
+    """(F,) of the tangent of theta: a uniform distribution of weights, standardised unknowns."""
+    count = game.num_weights
+    weights = [count * (count + 1.0)] * (count - 1)
+    own = (weights + [1.0] * int(used.sum()) for used in game.parameters.used)
+    return np.array(list(chain(*own)))

@@ -26,13 +26,17 @@ from olne_bench.estimators.shared.belief import (
     first_weights,
     prior_belief,
 )
-from olne_bench.estimators.shared.forward_model import SolvedGame, expected_samples, fitted_game
+from olne_bench.estimators.shared.forward_model import (
+    SolvedGame,
+    expected_samples,
+    fitted_game,
+    game_of_point,
+)
 from olne_bench.estimators.shared.joint_problem import JointSettings, JointSolution
 from olne_bench.estimators.shared.joint_starts import joint_attempts
 from olne_bench.estimators.shared.joint_stream import FollowedOptimum
 from olne_bench.estimators.shared.white_noise import assumed_sigma
 from olne_bench.estimators.shared.window_starts import first_samples
-from olne_bench.games.solve.newton import Root
 
 #: Gauss-Newton: steps at most, decrease of the objective below which none is taken, and damping:
 #: the first, its factor, and the largest.
@@ -158,11 +162,7 @@ class PastGames:
     def at(self, t: int) -> SolvedGame | None:
         """The most probable game given the samples up to t; None if none was found."""
         found, _ = self._optimum.find(self._problem, first_samples(self._y, t + 1), self._deadline)
-        if not found.converged:
-            return None
-        point = found.point
-        root = Root(point.states, point.controls, point.costates, residual=0.0)
-        return SolvedGame(root, point.weights, point.parameters)
+        return game_of_point(found.point) if found.converged else None
 
     def _settings(self, problem: Problem) -> JointSettings:
         plain = JointSettings(

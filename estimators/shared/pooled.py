@@ -11,17 +11,17 @@ import numpy as np
 
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.shared.charts import NormalChart
-from olne_bench.estimators.shared.forward_model import SolvedGame, sample_sensitivity
+from olne_bench.estimators.shared.forward_model import (
+    SolvedGame,
+    game_of_point,
+    sample_sensitivity,
+)
 from olne_bench.estimators.shared.joint_problem import JointSolution, SeenMotion
 from olne_bench.estimators.shared.posterior_density import GameDensity, Places
 from olne_bench.estimators.shared.white_noise import assumed_sigma, with_white_noise
 from olne_bench.games.model.simplex import simplex_tangent, sum_free
 from olne_bench.games.model.unknowns import Parameters
-from olne_bench.games.solve.information import of_seen
-from olne_bench.games.solve.newton import Root
-
-#: Above this condition number of the information matrix some weights are not identifiable.
-_LARGEST_CONDITION = 1e14
+from olne_bench.games.solve.information import inverse_on_tangent, of_seen
 
 
 @dataclass(frozen=True)
@@ -112,10 +112,7 @@ def seen_motions(motions: Sequence[Recorded]) -> list[SeenMotion]:
 
 def games_of(solution: JointSolution) -> list[SolvedGame]:
     """The game of each motion."""
-    return [
-        SolvedGame(Root(p.states, p.controls, p.costates, residual=0.0), p.weights, p.parameters)
-        for p in solution.points
-    ]
+    return [game_of_point(point) for point in solution.points]
 
 
 def shared_covariance(
@@ -148,11 +145,7 @@ def shared_covariance(
             information[np.ix_(places.ravel(), places.ravel())] += own
     except ValueError:
         return None
-    values, vectors = np.linalg.eigh(information)
-    if not values[-1] < _LARGEST_CONDITION * values[0]:
-        return None
-    lifted = tangent @ vectors
-    return np.asarray((lifted / values) @ lifted.T)
+    return inverse_on_tangent(information, tangent)
 
 
 def _own_information(one: Recorded, game: SolvedGame, *, prior: bool) -> np.ndarray:

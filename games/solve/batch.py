@@ -118,12 +118,8 @@ def solve_batch(
     points, residuals, iterations = search.run(initial_states, flat)
     if game.constraints:
         _solve_forward(game, search, points, residuals, initial_states, flat)
-    return Batch(
-        *unpack(game, points),
-        residuals=residuals,
-        iterations=iterations,
-        tolerance=max(tolerance, RESIDUAL_TOLERANCE),
-    )
+    least = max(tolerance, RESIDUAL_TOLERANCE)
+    return Batch(*unpack(game, points), residuals, iterations, tolerance=least)
 
 
 def _few(game: Game, solver: Elimination) -> int:

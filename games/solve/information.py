@@ -156,7 +156,17 @@ def joint_weight_covariance(
     unknowns = np.tile(np.arange(len(tangent) // game.num_players), game.num_players)
     of_unknowns = tangent[unknowns >= game.num_weights].any(axis=0)
     information[np.diag_indices(tangent.shape[1])] += prior_scale**2 * of_unknowns
-    # The information matrix is symmetric: its eigenvalues give condition and inverse at once.
+    return inverse_on_tangent(information, tangent)
+
+
+def inverse_on_tangent(information: np.ndarray, tangent: np.ndarray) -> np.ndarray | None:
+    """Covariance of theta, whose changes a tangent (theta, F) spans; None if not identifiable.
+
+    Args:
+        information: of these changes, which come first, and of what else is unknown.
+        tangent: (theta, F).
+    """
+    # The matrix is symmetric: its eigenvalues give condition and inverse at once.
     values, vectors = np.linalg.eigh(information)
     if not values[-1] < _LARGEST_CONDITION * values[0]:
         return None
