@@ -13,7 +13,7 @@ OUT ?= runs
 
 help:
 	@echo "make bench        the paper's study and a part of roads, into $(OUT)/paper and $(OUT)/roads"
-	@echo "make bench-quick  a part of it in under two minutes, into $(OUT)/quick, and its limits"
+	@echo "make bench-quick  two players and a road, in about two minutes, into $(OUT)/quick, and its limits"
 	@echo "make roads        every estimator on HighwayEnv's roads, 50 draws each, into $(OUT)/roads: a night"
 	@echo "make predictions  two estimators on these roads beside HighwayEnv's own drivers, into $(OUT)/predictions"
 	@echo "make field        every estimator on every scenario, and several trajectories"

@@ -74,3 +74,17 @@ def test_nashopt_gets_the_costs_and_motions_of_the_game():
         )
         np.testing.assert_allclose(states.reshape(truth.states.shape), truth.states, atol=1e-6)
         np.testing.assert_allclose(costs, truth.certificate.costs, rtol=1e-6)
+
+
+def test_lucidgames_learns_from_single_steps_where_noise_is_small():
+    example = runpy.run_path(str(EXAMPLES / "lucidgames.py"))
+    scenario = ob.scenario("two_player", weights="dirichlet", seed=1)
+    errors = []
+    for sigma in (1e-4, 0.01):
+        problem, seen = ob.observe(scenario, "full", sigma, seed=1)
+        found = example["LucidGames"]().estimate(problem, seen, rng=None, budget=60.0)
+        errors.append(np.mean(ob.metrics.cosine_error(scenario.weights, found.weights)))
+    assert errors[0] < 0.002 < errors[1] < 0.2
+    problem, seen = ob.observe(scenario, "partial", 0.01)
+    hidden = example["LucidGames"]().estimate(problem, seen, rng=None, budget=60.0)
+    assert not hidden.converged and hidden.message.startswith("needs a sensor that shows")

@@ -47,14 +47,14 @@ def _report_text(folder: Path, formats: Sequence[str], playable: Sequence[Place]
         from olne_bench.bench.report.write import report_drives
 
         return report_drives(folder, formats)
-    from olne_bench.bench.report.leaderboard_text import format_leaderboard, format_notes
+    from olne_bench.bench.report.leaderboard_text import format_board, format_notes
     from olne_bench.bench.report.write import write_report
 
     report = write_report(folder, formats, playable)
     said = format_notes(report.tables, report.notes)
-    files = "index.html, leaderboard.csv, trials.csv, trials.parquet and other tables"
+    files = "index.html shows all numbers; leaderboard.csv, trials.csv and other tables"
     parts = [
-        format_leaderboard(report.tables.leaderboard, report.study),
+        format_board(report.tables, report.study),
         *([said] if said else []),
         f"{folder}: {files}{', figures/' if formats else ''}",
     ]

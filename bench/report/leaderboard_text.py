@@ -1,6 +1,7 @@
 """The leaderboard as text: for a terminal, a README (Markdown) and a paper (LaTeX)."""
 
 import math
+import textwrap
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -9,6 +10,13 @@ import numpy as np
 import pandas as pd
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
+from olne_bench.bench.report.board import (
+    board_note,
+    board_table,
+    errors_of_board,
+    tag,
+    verdict,
+)
 from olne_bench.bench.report.escapes import markdown_text
 from olne_bench.bench.report.statistics.attempts import in_words
 from olne_bench.bench.report.statistics.standing import said_of_standing
@@ -17,19 +25,8 @@ from olne_bench.bench.report.tables import RunTables
 from olne_bench.bench.text import one_line
 
 _PLACE = ["scenario", "sensor", "estimator"]
+_WIDTH = 88  # of lines in a terminal
 _ROUNDING = 1e-9  # errors below this are rounding of solvers
-_LEGEND = """
-Medians and quartiles [IQR] are over all trials; a failure counts as infinitely wrong.
-Failures (published): also those where the published search misses a root that another one finds."""
-_LEGEND_OF_SCORES = """
-Score: geometric mean of the {metric} over that of the paper's method in the same trials with noise;
-0.79 is 21 % smaller. A failure counts as the error of uniform. Without a score: see 'Not ranked'.
-Exact: share of trials without noise that predict within 1 mm.
-No fit: share of noisy trials whose residuals noise does not explain; 1 % if the model is true.
-/ bound: mean cosine error over its statistical limit (the Cramer-Rao bound) at little noise.
-Time: median of one estimate; those that were stopped or broke off count as infinitely slow."""
-_FLOOR_LEGEND = """
-uniform is the floor: equal weights, which are the published ones of two_player."""
 
 
 @dataclass(frozen=True)
@@ -57,15 +54,35 @@ def latex(table: pd.DataFrame, study: Study = USUAL) -> str:
     return shown.style.hide(axis="index").to_latex(column_format=kinds, hrules=True)
 
 
-def format_leaderboard(table: pd.DataFrame, study: Study = USUAL) -> str:
-    """The leaderboard for a terminal, with a legend."""
-    shown = _shown(table, study, _Markup(_plain, str, one_line))
-    metrics = in_leaderboard(study.metrics, table)
-    told = "".join(f"\n{m.title}: {m.description or 'its median.'}" for m in metrics)
-    first = primary(metrics)
-    scores = _LEGEND_OF_SCORES.format(metric=first.label) if first else ""
-    floor = _FLOOR_LEGEND if any(map(study.is_floor, table["estimator"])) else ""
-    return f"{shown.to_string(index=False)}\n{_LEGEND}{told}{scores}{floor}"
+def format_board(tables: RunTables, study: Study = USUAL) -> str:
+    """The board for a terminal: the verdict, a row for each estimator, and what is shown."""
+    rows = board_table(tables, study)
+    columns: dict[str, Any] = {"Estimator": [_tagged(row, study) for _, row in rows.iterrows()]}
+    ends = rows[["score", "score_low", "score_high"]].itertuples(index=False)
+    columns["Score"] = [_with_ends(*end) for end in ends]
+    for name, head in errors_of_board(tables, study).items():
+        columns[head] = rows[name].map(_plain)
+    counts = rows[["failures", "trials"]].itertuples(index=False)
+    columns["Failures"] = [f"{failed} / {trials}" for failed, trials in counts]
+    columns["Time [ms]"] = rows["milliseconds"].map(_plain)
+    said = verdict(tables.scores, tables.comparisons, study)
+    shown = pd.DataFrame(columns).to_string(index=False)
+    return f"{_wrapped(said)}\n\n{shown}\n\n{_wrapped(board_note(rows, study))}"
+
+
+def _tagged(row: Any, study: Study) -> str:
+    said = tag(row, study)
+    return one_line(row["estimator"]) + (f" ({said})" if said else "")
+
+
+def _with_ends(middle: float, low: float, high: float) -> str:
+    if math.isnan(low):
+        return _plain(middle)
+    return f"{_plain(middle)} [{_plain(low)}, {_plain(high)}]"
+
+
+def _wrapped(text: str) -> str:
+    return textwrap.fill(text, _WIDTH)
 
 
 def format_notes(tables: RunTables, notes: list[str]) -> str:

@@ -15,7 +15,7 @@ from olne_bench.bench.judge.observe import observe_states
 from olne_bench.bench.judge.scene import NoSceneError, TrueScene
 from olne_bench.bench.report.formats import NotDrawnError
 from olne_bench.bench.report.statistics.attempts import attempts_of
-from olne_bench.bench.report.statistics.score import REFERENCE
+from olne_bench.bench.report.statistics.score import BASELINE, REFERENCE
 from olne_bench.bench.report.study import USUAL, Study
 from olne_bench.envs.worlds.recorded import RecordedWorld
 
@@ -185,9 +185,9 @@ class Choice:
 def choose(trials: pd.DataFrame, study: Study = USUAL) -> Choice:
     """Choose the trial of a scenario to show, by a rule that no result can bend.
 
-    The first estimator has the least median position error, the second one is the paper's method,
-    or the next one. The noise is the largest at which both predict at least half of the draws, with
-    the first sensor for which they do.
+    The first estimator has the least median position error, the second one is the paper's baseline,
+    its method, or the next one. The noise is the largest at which both predict at least half of the
+    draws, with the first sensor for which they do.
 
     Args:
         trials: trials of one scenario.
@@ -227,7 +227,8 @@ def _two_estimators(attempts: pd.DataFrame, study: Study) -> tuple[str, str]:
     names = [str(name) for name in medians.index if not study.is_floor(str(name))]
     if len(names) < 2:
         raise NotDrawnError("it takes two estimators")
-    return names[0], REFERENCE if REFERENCE in names[1:] else names[1]
+    others = [name for name in (BASELINE, REFERENCE, names[1]) if name in names[1:]]
+    return names[0], others[0]
 
 
 def shown_trial(

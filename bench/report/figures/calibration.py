@@ -55,7 +55,7 @@ def draw_coverage(trials: pd.DataFrame) -> Figure:
     for panel in axes[-1]:
         panel.set_xlabel("Level of the true weight" if weights else "Level of the region")
         style.percent(panel.xaxis)
-    figure.suptitle(f"{trials['scenario'].iloc[0]}: calibration of regions of weights")
+    style.entitle(figure, f"{trials['scenario'].iloc[0]}: calibration of regions of weights")
     style.legend_below(figure, _entries(told))
     return figure
 
@@ -127,7 +127,7 @@ def draw_widths(trials: pd.DataFrame) -> Figure:
             panel.set_xlim(low / _NARROW, high * _NARROW)
     scenario = trials["scenario"].iloc[0]
     levels = f"{sigmas[0]:g} to {sigmas[-1]:g} m" if len(sigmas) > 1 else f"{sigmas[0]:g} m"
-    figure.suptitle(f"{scenario}: width against coverage, σ = {levels} (small to large)")
+    style.entitle(figure, f"{scenario}: width against coverage, σ = {levels} (small to large)")
     style.legend_below(figure, style.estimator_entries(names))
     return figure
 

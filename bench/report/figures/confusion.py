@@ -33,7 +33,7 @@ def draw(table: pd.DataFrame) -> Figure:
         _panel(panel, wide.div(wide.sum(axis=1), axis=0).fillna(0.0).to_numpy(float))
         panel.set_xticks(range(len(names)), names, rotation=60)
         panel.set_yticks(range(len(TEMPERAMENTS)), list(TEMPERAMENTS))
-    figure.suptitle(f"{table['scenario'].iloc[0]}: share of the drivers of each row [%]")
+    style.entitle(figure, f"{table['scenario'].iloc[0]}: share of the drivers of each row [%]")
     figure.supylabel("True temperament", fontsize=9)
     figure.supxlabel("Recognised temperament", fontsize=9)
     return figure

@@ -34,12 +34,11 @@ def draw(scores: pd.DataFrame, study: Study = USUAL) -> Figure:
     axes[0].set_ylim(len(names) - 0.5, -0.5)
     number = int(first["scenarios"].iloc[0])
     where = f"{number} scenarios" if number > 1 else str(scores["scenario"].iloc[-1])
-    figure.suptitle(f"{where}: errors relative to {first['reference'].iloc[0]}, with noise")
-    figure.supxlabel(
-        "geometric mean, 95 % bootstrap interval; hollow: unranked"
-        + ("; *: knows how truths are drawn" if any(map(study.knows_prior, names)) else ""),
-        fontsize=8,
-    )
+    note = "geometric mean, 95 % bootstrap interval; hollow: unranked"
+    if any(map(study.knows_prior, names)):
+        note += "; *: knows how truths are drawn"
+    head = f"{where}: errors relative to {first['reference'].iloc[0]}, with noise"
+    style.entitle(figure, head, note)
     return figure
 
 

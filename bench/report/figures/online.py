@@ -62,9 +62,10 @@ def _stream(title: str, rows: pd.DataFrame) -> Figure:
         panel.yaxis.set_minor_formatter(NullFormatter())
         panel.set_xlabel("Time since the first sample [s]")
     motions = rows["seed"].nunique()
-    figure.suptitle(
+    style.entitle(
+        figure,
         f"{style.printable(title)}: estimates after each sample\n"
-        f"(median and quartiles of {motions} motion{'s' if motions != 1 else ''})"
+        f"(median and quartiles of {motions} motion{'s' if motions != 1 else ''})",
     )
     entries = [(Line2D([], [], **_looks(name)), style.printable(name)) for name in names]
     style.legend_below(figure, entries)
@@ -107,9 +108,10 @@ def _drives(traffic: str, table: pd.DataFrame) -> Figure:
         panel.set_yticks([tick for tick in panel.get_yticks() if 0 <= tick <= most])
         panel.set_xscale("symlog", linthresh=_LINEAR)
         panel.xaxis.set_major_formatter(style.plain)
-    figure.suptitle(
+    style.entitle(
+        figure,
         f"Regret against the oracle, and collisions: {traffic} traffic, "
-        f"σ = {table['sigma'].iloc[0]:g} m (95 % intervals)"
+        f"σ = {table['sigma'].iloc[0]:g} m (95 % intervals)",
     )
     style.legend_below(figure, [(handles[name], style.printable(name)) for name in handles])
     return figure

@@ -41,7 +41,7 @@ def draw_errors(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     for (metric, sensor), panel in zip(places, axes, strict=False):
         _errors(panel, table, metric, sensor)
     scenario = trials["scenario"].iloc[0]
-    figure.suptitle(f"{scenario}: median errors with 95 % intervals of the medians")
+    style.entitle(figure, f"{scenario}: median errors with 95 % intervals of the medians")
     names = style.estimator_order(table["estimator"].tolist())
     style.legend_below(figure, style.estimator_entries(names))
     return figure
@@ -113,7 +113,7 @@ def draw_failures(trials: pd.DataFrame) -> Figure:
         style.levels_axis(panel, levels)
         style.percent(panel.yaxis)
         _series(panel, table, ("share", "low", "high"), levels, shifts)
-    figure.suptitle(f"{trials['scenario'].iloc[0]}: failures, with 95 % Wilson intervals")
+    style.entitle(figure, f"{trials['scenario'].iloc[0]}: failures, with 95 % Wilson intervals")
     entries = zip(style.estimator_entries(names), names, strict=True)
     style.legend_below(figure, [(key, _told(attempts, name)) for (key, _), name in entries])
     return figure
@@ -169,7 +169,9 @@ def draw_identifiability(table: pd.DataFrame) -> Figure:
             panel.plot(x, rows["left"], "o-", color=colours[name], markersize=3, linewidth=1.1)
     draws = int(table["draws"].max())
     of = f", mean of {draws} draws" if draws > 1 else ""
-    figure.suptitle(f"{table['scenario'].iloc[0]}: what noise leaves unknown of each weight{of}")
+    style.entitle(
+        figure, f"{table['scenario'].iloc[0]}: what noise leaves unknown of each weight{of}"
+    )
     keys = {name: Line2D([], [], color=colour, marker="o") for name, colour in colours.items()}
     style.legend_below(figure, [(key, style.printable(name)) for name, key in keys.items()])
     return figure

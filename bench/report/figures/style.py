@@ -179,6 +179,13 @@ def plain(value: float, _: Any = None) -> str:
     return f"{value:g}"
 
 
+def entitle(figure: Figure, title: str, note: str = "") -> None:
+    """A title, and a note below the panels, at the left, where a narrow screen begins."""
+    figure.suptitle(title, x=0.01, horizontalalignment="left")
+    if note:
+        figure.supxlabel(note, x=0.01, horizontalalignment="left", fontsize=8)
+
+
 def legend_below(figure: Figure, entries: Entries) -> None:
     """A legend under all axes, where it covers no data; the figure grows by its height."""
     width = _ENTRY_WIDTH + _CHARACTER_WIDTH * max(len(name) for _, name in entries)
@@ -189,7 +196,7 @@ def legend_below(figure: Figure, entries: Entries) -> None:
     legend = figure.legend(
         [artist for artist, _ in entries],
         ["name"] * len(entries),
-        loc="outside lower center",
+        loc="outside lower left",
         ncols=columns,
     )
     for text, (_, name) in zip(legend.get_texts(), entries, strict=True):

@@ -46,10 +46,10 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     name, note = scene.axis_names[1], ""
     if scene.stretch > 1:
         note = f" ({name} stretched × {scene.stretch:g})"
-    figure.suptitle(
+    style.entitle(
+        figure,
         f"{scene.name}, draw {seed}: σ = {choice.sigma:g} m, sensor {choice.sensor}{note}\n"
         "the draw in which their errors differ by the median amount",
-        fontsize=9,
     )
     style.legend_below(figure, _entries(scene))
     return figure

@@ -1,25 +1,18 @@
 """What the page of a study of trials says of it: the verdict and all tables."""
 
-import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
 import pandas as pd
 from markupsafe import Markup
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
-from olne_bench.bench.report.figures import style
+from olne_bench.bench.report.board import board_note, board_table, errors_of_board, tag
 from olne_bench.bench.report.page import tables as t
 from olne_bench.bench.report.statistics.identifiability import REFERENCE_SIGMA
 from olne_bench.bench.report.statistics.score import (
     ALL,
-    FEWEST_DRAWS,
-    best_group,
-    board_rows,
-    in_order,
 )
-from olne_bench.bench.report.statistics.standing import listed
-from olne_bench.bench.report.study import FAILURES, USUAL, Study, in_leaderboard, primary
+from olne_bench.bench.report.study import FAILURES, Study, primary
 from olne_bench.bench.report.tables import RunTables
 
 _NOTHING = "No estimator has a score: that takes noise, and an estimator that ranks."
@@ -28,102 +21,21 @@ _WEIGHT: t.Columns = t.own("sensor", "player", "weight")
 Sections = list[tuple[str, list[t.Table]]]
 
 
-def verdict(scores: pd.DataFrame, comparisons: pd.DataFrame, study: Study = USUAL) -> str:
-    """Which estimator has the smallest errors, by how much, and who cannot be told from it.
-
-    ``scores`` is a ``score_table``, and ``comparisons`` the ``pair_table`` of the same trials.
-    """
-    boards = board_rows(scores, study)
-    error, table = next(iter(boards.items()), ("", pd.DataFrame()))
-    rows = table.to_dict("records")
-    floors = [row for row in rows if study.is_floor(row["estimator"])]
-    ranked = [row for row in rows if row["ranked"] and not study.is_floor(row["estimator"])]
-    if not ranked:
-        return _NOTHING
-    best, *others = ranked
-    label = next((m.label for m in study.metrics if m.name == error), error)
-    number = best["scenarios"]
-    where = f"{best['trials']} trials with noise" + f" of {number} scenarios" * (number > 1)
-    if not others:
-        return f"{best['estimator']} is the only estimator that ranks, on {where}."
-    names = [str(row["estimator"]) for row in (best, *others)]
-    pairs = comparisons[(comparisons["error"] == error) & (comparisons["scenario"] == ALL)]
-    _, *ties = best_group(pairs, names)
-    said = f"On {where}, {names[0]} has the smallest {label}s"
-    if best["estimator"] == best["reference"]:
-        said += f"; those of {names[1]} are {_change(others[0]['score'])}"
-    else:
-        said += f": {_change(best['score'])} than those of {best['reference']}{_interval(best)}"
-    if best["draws"] < FEWEST_DRAWS:
-        said += f"; {best['draws']} draws are too few to tell estimators apart"
-    elif ties:
-        said += f"; {listed(ties)} cannot be told apart from it"
-    better = [row["estimator"] for row in floors if row["score"] < best["score"]]
-    if better:
-        said += f"; {better[0]}, which ignores the data, has smaller ones"
-    return f"{said}."
-
-
-def _change(ratio: float) -> str:
-    return f"{100 * abs(ratio - 1):.0f} % {'smaller' if ratio <= 1 else 'larger'}"
-
-
-def _interval(row: Mapping[Any, Any]) -> str:
-    if pd.isna(row["score_low"]):
-        return ""
-    ends = [100 * (1 - row[name]) for name in ("score_high", "score_low")]
-    return f" (95 % interval {ends[0]:.0f} to {ends[1]:.0f} %)"
-
-
 def board(tables: RunTables, study: Study) -> t.Table:
     """The score table: a row for each estimator, over all scenarios."""
-    boards, table = board_rows(tables.scores, study), tables.leaderboard
-    first = primary(in_leaderboard(study.metrics, table))
-    scored_rows = boards.get(first.name, pd.DataFrame()) if first else pd.DataFrame()
-    rows = table.groupby("estimator").agg(
-        all_failures=("failures", "sum"),
-        all_trials=("trials", "sum"),
-        seconds=("solve_seconds_median", "median"),
-    )
-    rows = rows.loc[style.estimator_order(table["estimator"].tolist())].reset_index()
-    columns = ["estimator", "ranked", "score", "score_low", "score_high", "median"]
-    columns += ["trials", "failures"]
-    rows = rows.merge(scored_rows.reindex(columns=columns), on="estimator", how="left")
-    if "held_out_error" in boards:
-        held = boards["held_out_error"][["estimator", "median"]]
-        rows = rows.merge(held.rename(columns={"median": "held"}), on="estimator", how="left")
-    rows = in_order(rows, study)
-    reference = scored_rows["reference"].iloc[0] if len(scored_rows) else ""
     shown: t.Columns = {
-        "Estimator": lambda row: t.Cell(t.named(row["estimator"], _tag(row, study))),
+        "Estimator": lambda row: t.Cell(t.named(row["estimator"], tag(row, study))),
         "Score": t.ends("score"),
-        first.title if first else "Error": "median",
-        "Held-out error [m]": "held",
-        "Failures": _failed,
-        "Time [ms]": lambda row: t.number(1e3 * row["seconds"]),
+        **{head: name for name, head in errors_of_board(tables, study).items()},
+        "Failures": lambda row: t.number(
+            row["failures"],
+            Markup("{:.0f}<small> / {:.0f}</small>").format(row["failures"], row["trials"]),
+        ),
+        "Time [ms]": "milliseconds",
     }
-    note = (
-        f"Score: geometric mean of {first.label} over that of {reference} in the same trials with "
-        "noise, with its 95 % bootstrap interval over draws; 0.79 is 21 % smaller. A failure "
-        "counts as the error of uniform. Errors are medians over the same trials. Those marked "
-        "'prior' know how true weights are drawn; floors do not rank."
-        if first and reference
-        else "Nobody has a score."
-    )
+    rows = board_table(tables, study)
+    note = board_note(rows, study)
     return t.table_of(rows, shown, name="scores", note=note, quiet=lambda row: row["floor"])
-
-
-def _tag(row: t.Row, study: Study) -> str:
-    if row["floor"]:
-        return "floor"
-    tags = ["prior"] * study.knows_prior(row["estimator"])
-    return ", ".join([*tags, *["unranked"] * row["unranked"]])
-
-
-def _failed(row: t.Row) -> t.Cell:
-    known = not math.isnan(row["score"])
-    failed, trials = (row[f"{'' if known else 'all_'}{n}"] for n in ("failures", "trials"))
-    return t.number(failed, Markup("{:.0f}<small> / {:.0f}</small>").format(failed, trials))
 
 
 def all_numbers(
@@ -179,7 +91,7 @@ def _board_columns(table: pd.DataFrame, metrics: Sequence[MetricDeclaration]) ->
             columns[metric.title] = t.ends(median, of=metric.name, names=quartiles)
     if "refuted" in table and table["refuted"].notna().any():
         columns["No fit"] = t.share("refuted")
-    columns |= {"Exact": t.share("exact"), "× bound": "limit_ratio"}
+    columns |= {"Exact": t.share("exact"), "Error / bound": "limit_ratio"}
     columns["Failures"] = lambda row: t.number(
         row["failures"], f"{row['failures']} ({row['published_failures']}) / {row['trials']}"
     )

@@ -10,6 +10,7 @@ import pandas as pd
 from markupsafe import Markup
 
 from olne_bench.bench.judge.scene import NoSceneError, Scenes, TrueScene
+from olne_bench.bench.report.board import verdict
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.formats import NotDrawnError
 from olne_bench.bench.report.page.boards import (
@@ -17,7 +18,6 @@ from olne_bench.bench.report.page.boards import (
     board,
     changes_of,
     details_of,
-    verdict,
 )
 from olne_bench.bench.report.page.cards import card_of
 from olne_bench.bench.report.page.scenes import scene_data

@@ -21,6 +21,8 @@ from olne_bench.bench.report.study import USUAL, Study, in_table, primary, score
 ALL = "all"
 #: The paper's method, to whose errors all others are compared.
 REFERENCE = "kkt_constrained"
+#: The baseline of the paper.
+BASELINE = "kkt_residual"
 
 #: An estimator ranks in a cell if it has this share of the draws that the others have, and over all
 #: scenarios if it ranks in this share of the cells of scenario and sensor.

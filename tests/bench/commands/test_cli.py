@@ -110,7 +110,7 @@ def test_a_part_has_the_rows_of_the_whole_and_a_rerun_adds_none(tmp_path, capsys
     main([*PART, "--out", str(part), "--seeds", "1", "--sigma", "0.05", "--jobs", "1"])
     capsys.readouterr()
     main([*both, "--out", str(whole), "--seeds", "2"])
-    assert "12 of 12 trials are done already" in capsys.readouterr().err
+    assert "16 of 16 trials are done already" in capsys.readouterr().err
 
     rows = pd.read_parquet(whole / "trials.parquet").drop(columns="solve_seconds")
     wanted = (rows["sigma"] == 0.05) & (rows["seed"] == 0)
@@ -119,7 +119,7 @@ def test_a_part_has_the_rows_of_the_whole_and_a_rerun_adds_none(tmp_path, capsys
 
     for name in ("trials.csv", "trials.parquet", "leaderboard.csv"):
         assert (whole / name).is_file()
-    assert len(pd.read_csv(whole / "leaderboard.csv")) == 3
+    assert len(pd.read_csv(whole / "leaderboard.csv")) == 4
     assert len(pd.read_csv(whole / "trials.csv")) == len(rows)
 
 

@@ -30,9 +30,9 @@ def test_a_part_is_no_change(quick):
 
 
 def test_what_is_new_replaces_its_kind_only(quick):
-    other = change(quick, estimators=("map", "uniform"), sigmas=(0.3,))
+    other = change(quick, estimators=("ridge", "uniform"), sigmas=(0.3,))
     assert (other.name, other.origin, other.salt) == ("quick (changed)", "quick", "quick")
-    assert [entry.label for entry in other.estimators] == ["uniform", "map"]
+    assert [entry.label for entry in other.estimators] == ["uniform", "ridge"]
     assert other.sigmas == (0.3,)
     same = ("scenarios", "sensors", "seeds")
     assert all(getattr(other, name) == getattr(quick, name) for name in same) and not other.gate
@@ -41,7 +41,7 @@ def test_what_is_new_replaces_its_kind_only(quick):
 
 
 def test_what_both_have_is_the_same_trial(quick):
-    other = change(quick, estimators=("uniform", "map"), scenarios=("two_player",))
+    other = change(quick, estimators=("uniform", "ridge"), scenarios=("two_player",))
     trials = {trial.key: trial for trial in expand(quick)}
     common = [trial for trial in expand(other) if trial.key in trials]
     assert len(common) > 10
@@ -51,17 +51,17 @@ def test_what_both_have_is_the_same_trial(quick):
 def test_a_new_scenario_lifts_limits_to_others(quick):
     limited = quick.estimators[0].model_copy(update={"scenarios": ("two_player",)})
     suite = quick.model_copy(update={"estimators": (limited, *quick.estimators[1:])})
-    other = change(suite, scenarios=("merge",))
+    other = change(suite, scenarios=("highway",))
     assert other.scenarios[0].family
-    assert len(other.pairs()) == 3
+    assert len(other.pairs()) == 4
 
 
 def test_a_folder_of_a_changed_suite_gains_levels(quick):
-    first = change(quick, sigmas=(0.3,), estimators=("map",))
+    first = change(quick, sigmas=(0.3,), estimators=("ridge",))
     asked = Selection(sigmas=(0.2,), estimators=("uniform",), sensors=("full",))
     both = joined(changed(quick, asked, describe_here), asked, first)
     assert both.sigmas == (0.3, 0.2)
-    assert [entry.label for entry in both.estimators] == ["map", "uniform"]
+    assert [entry.label for entry in both.estimators] == ["ridge", "uniform"]
     assert {entry.label for entry in both.sensors} == {"full", "partial"}
     assert joined(quick, Selection(), first) is quick
     assert joined(first, Selection(), None) is first

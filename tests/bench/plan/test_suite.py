@@ -143,8 +143,8 @@ def test_a_worker_is_done_with_a_game_before_the_next(tmp_path):
     text = GOOD.replace('"full"', '"full", "partial"').replace("two_player", "random")
     seeds = [trial.seed for trial in expand(load_suite(write(tmp_path, text)))]
     assert seeds == sorted(seeds)
-    quick = expand(load_suite("quick"))
-    seen = [t.sensor.label for t in quick if t.scenario.name == "two_player"]
+    paper = expand(load_suite("paper"))
+    seen = [t.sensor.label for t in paper if t.scenario.name == "two_player"]
     assert seen == sorted(seen)
 
 

@@ -10,7 +10,7 @@ from olne_bench.bench.plan.truths import drawn_twin, has_drawn_truths, is_foreig
 from olne_bench.envs.recordings.recording import NoEquilibriumError
 from olne_bench.envs.scenarios import get_scenario
 
-FIXED = {"paper", "quick", "sensors", "several"}
+FIXED = {"paper", "sensors", "several"}
 
 
 @pytest.mark.parametrize("name", suite_names())

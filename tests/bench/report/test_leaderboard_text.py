@@ -6,7 +6,7 @@ import pytest
 from pylatexenc.latexwalker import LatexEnvironmentNode, LatexWalker
 
 from olne_bench.bench.report.leaderboard import leaderboard
-from olne_bench.bench.report.leaderboard_text import format_leaderboard, latex, markdown
+from olne_bench.bench.report.leaderboard_text import latex, markdown
 from olne_bench.bench.report.statistics.score import log_errors, score_table
 from tests.bench.report.conftest import trial_row
 
@@ -68,12 +68,3 @@ def test_latex(table: pd.DataFrame) -> None:
     nodes, _, _ = LatexWalker(text, tolerant_parsing=False).get_latex_nodes()
     environments = [node for node in nodes if isinstance(node, LatexEnvironmentNode)]
     assert [node.environmentname for node in environments] == ["tabular"]
-
-
-def test_the_terminal_explains_what_it_shows(table: pd.DataFrame) -> None:
-    assert "good" in format_leaderboard(table)
-    assert "is the floor" not in format_leaderboard(table)
-    never = next(line for line in format_leaderboard(table).splitlines() if "never" in line)
-    assert never.endswith("∞") and "inf" not in never and "nan" not in never
-    floor = table.assign(estimator="uniform")
-    assert "uniform is the floor" in format_leaderboard(floor)

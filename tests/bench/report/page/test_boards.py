@@ -4,7 +4,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.report.page.boards import board, verdict
+from olne_bench.bench.report.board import verdict
+from olne_bench.bench.report.leaderboard_text import format_board
+from olne_bench.bench.report.page.boards import board
 from olne_bench.bench.report.statistics.score import log_errors, pair_table, score_table
 from olne_bench.bench.report.study import Study
 from olne_bench.bench.report.tables import tabulate
@@ -55,6 +57,20 @@ def test_the_board_has_five_columns_the_best_first_and_the_floor_last(
     scores = [float(cells[1].key or "nan") for _, cells in table.rows]
     assert scores[:2] == sorted(scores[:2])
     assert table.rows[-1][0] == {"class": "floor"} and "uniform" in table.rows[-1][1][0].text
+    text = format_board(tables, usual)
+    assert text.startswith(verdict(tables.scores, tables.comparisons, usual)[:60])
+    head, *rows = text.split("\n\n")[1].splitlines()
+    assert head.split() == [
+        "Estimator",
+        "Score",
+        "Position",
+        "error",
+        "[m]",
+        "Failures",
+        "Time",
+        "[ms]",
+    ]
+    assert rows[-1].split()[:2] == ["uniform", "(floor)"] and len(rows) == len(table.rows)
     held = small_study.assign(held_out_error=0.1)
     assert board(tabulate(held, usual), usual).heads[3] == "Held-out error [m]"
 
@@ -63,6 +79,7 @@ def test_without_noise_there_are_errors_and_no_scores(small_study: pd.DataFrame,
     quiet = small_study.assign(sigma=0.0)
     tables = tabulate(quiet[quiet["seed"] == 0], usual)
     table = board(tables, usual)
-    assert table.note == "Nobody has a score."
+    assert table.note.startswith("Nobody has a score.")
     assert [cells[1].text for _, cells in table.rows] == ["–"] * 3
+    assert "–" not in [cells[2].text for _, cells in table.rows]
     assert verdict(tables.scores, tables.comparisons, usual).startswith("No estimator has a score")
