@@ -20,6 +20,8 @@ from olne_bench.bench.report.tables import RunTables
 _NOTHING = "No estimator has a score: that takes noise, and an estimator that ranks."
 _SCORED = ["ranked", "reference", "score", "score_low", "score_high"]
 _SCORED += ["median", "trials", "failures"]
+#: Ratios from here on are told as such, smaller ones in per cent.
+_TIMES = 2.0
 _HELD = "held_out_error"
 
 
@@ -60,6 +62,8 @@ def verdict(scores: pd.DataFrame, comparisons: pd.DataFrame, study: Study = USUA
 
 
 def _change(ratio: float) -> str:
+    if ratio >= _TIMES:
+        return f"{ratio:.2g} times as large"
     return f"{100 * abs(ratio - 1):.0f} % {'smaller' if ratio <= 1 else 'larger'}"
 
 
