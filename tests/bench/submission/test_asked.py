@@ -83,7 +83,7 @@ def test_a_suite_of_this_package_is_that_suite() -> None:
     check_shipped(quick.model_copy(update={"estimators": (*quick.estimators, own)}))
     check_shipped(quick.model_copy(update={"name": "other", "time_limit": 0.1}))
     crippled = quick.estimators[0].model_copy(update={"seeds": 1})
-    moved = quick.scenarios[0].model_copy(update={"options": {"weights": "dirichlet"}})
+    moved = quick.scenarios[0].model_copy(update={"options": {"weights": "moderate"}})
     for changes, said in (
         ({"time_limit": 0.1}, "time_limit"),
         ({"sigmas": (0.0,)}, "sigmas"),

@@ -20,13 +20,13 @@ from olne_bench.bench.submission.drawn import (
 
 @pytest.fixture(scope="module")
 def trials(tmp_path_factory: pytest.TempPathFactory) -> list[Trial]:
-    """Trials of ``quick`` with two plugins."""
+    """Trials of ``paper`` with two plugins."""
     folder = tmp_path_factory.mktemp("plugins")
     text = "class {}:\n    name = '{}'\n    def estimate(self, *a, **k): ...\n"
     for name in ("one", "two"):
         (folder / f"{name}.py").write_text(text.format(name.title(), name))
     plugins = tuple(str(folder / f"{name}.py") for name in ("one", "two"))
-    return list(expand(load_suite("quick", plugins)))
+    return list(expand(load_suite("paper", plugins), 5))
 
 
 def plans(trials: list[Trial], seed: int = 0) -> list[Plan]:
@@ -47,7 +47,7 @@ def test_each_plugin_is_run_on_drawn_truths_of_each_fixed_scenario(trials: list[
         assert len(plan.trials) == 3 * PAIRS
         for pair in plan.drawn:
             assert has_drawn_truths(pair.own.scenario)
-            assert pair.own.salt not in {"quick"}
+            assert pair.own.salt not in {"paper"}
             assert pair.own.sigma > 0
         for pair in plan.fixed:
             assert pair.own.key in known  # its row is there

@@ -56,7 +56,7 @@ def here(monkeypatch) -> None:
 
 @pytest.fixture(scope="module")
 def trials() -> list[Trial]:
-    return [t for t in expand(load_suite("quick"), 2) if t.sigma == 0.05][:4]
+    return [t for t in expand(load_suite("paper"), 2) if t.sigma == 0.05][:4]
 
 
 def row_of(trial: Trial, outcome: Outcome = OUTCOME) -> dict[str, Any]:
