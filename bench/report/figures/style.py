@@ -3,6 +3,7 @@
 import io
 import math
 import re
+import textwrap
 import warnings
 import zlib
 from collections.abc import Iterator, Sequence
@@ -181,7 +182,9 @@ def plain(value: float, _: Any = None) -> str:
 
 def entitle(figure: Figure, title: str, note: str = "") -> None:
     """A title, and a note below the panels, at the left, where a narrow screen begins."""
-    figure.suptitle(title, x=0.01, horizontalalignment="left")
+    most = int(figure.get_figwidth() / _CHARACTER_WIDTH)
+    lines = [part for line in title.splitlines() for part in textwrap.wrap(line, most)]
+    figure.suptitle("\n".join(lines), x=0.01, horizontalalignment="left")
     if note:
         figure.supxlabel(note, x=0.01, horizontalalignment="left", fontsize=8)
 

@@ -34,15 +34,15 @@ _LATENCY_COLUMNS: t.Columns = {
     "Late": t.share("late"),
     "Updates": "updates",
 }
+_DRIVE: t.Columns = {**t.own("road", "traffic"), "Noise": "sigma", **t.own("planner", "drives")}
 _DRIVE_COLUMNS: t.Columns = {
-    **t.own("road", "traffic"),
-    "Noise": "sigma",
-    **t.own("planner", "drives"),
     "Collisions [%]": t.ends("collision", 100),
     "Regret [%]": t.ends("regret", 100),
     "Progress [m]": "progress",
-    "Jerk [m/s³]": "jerk",
     "Error in 3 s [m]": "fde_3s",
+}
+_CYCLE_COLUMNS: t.Columns = {
+    "Jerk [m/s³]": "jerk",
     "Cycle [ms]": "cycle_50",
     "99 % [ms]": "cycle_99",
     "Late": t.share("late"),
@@ -165,7 +165,10 @@ def _drives(tables: Mapping[str, pd.DataFrame], suite: Suite) -> dict[str, Any]:
         ],
         "sections": [("summary", "Cost and collisions"), ("provenance", "Provenance")],
         "board": _board(summary, suite),
-        "more": [("Paired tests", [tests])],
+        "more": [
+            ("Paired tests", [tests]),
+            ("Comfort and time", [t.table_of(summary, _DRIVE | _CYCLE_COLUMNS)]),
+        ],
         "what": "All but times come out the same again, if no estimate is late:",
     }
 
@@ -177,7 +180,7 @@ def _board(summary: pd.DataFrame, suite: Suite) -> t.Table:
     )
     return t.table_of(
         summary,
-        _DRIVE_COLUMNS,
+        _DRIVE | _DRIVE_COLUMNS,
         name="summary",
         note=note,
         quiet=lambda row: row["planner"] in suite.references,
