@@ -18,7 +18,7 @@ from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import NullFormatter, PercentFormatter
+from matplotlib.ticker import NullLocator, PercentFormatter
 from matplotlib.typing import LineStyleType
 
 from olne_bench.bench.report.formats import USUAL_FORMATS
@@ -67,6 +67,8 @@ _SAVING: dict[str, dict[str, Any]] = {
     "svg": {"metadata": {"Date": None}, "dpi": 100},
     "pdf": {"metadata": {"CreationDate": None}, "dpi": 200},
 }
+#: Settings under which a figure that is laid out stays so: with a layout, it is drawn twice.
+_LAID_OUT: dict[str, Any] = {"figure.constrained_layout.use": False}
 #: Ids that Matplotlib counts, which several figures on a page would share, and metadata.
 _UNWANTED = re.compile(r' id="[A-Za-z0-9]+_\d+"|<metadata>.*?</metadata>', re.DOTALL)
 #: Artists and names of a legend.
@@ -92,12 +94,13 @@ def applied() -> Iterator[None]:
 
 def save(figure: Figure, stem: Path, formats: Sequence[str] = USUAL_FORMATS) -> list[Path]:
     """Write ``<stem>.png`` and so on, without a date, and return their paths."""
-    _lay_out(figure)
     paths = [stem.with_name(f"{stem.name}.{name}") for name in formats]
     try:
         stem.parent.mkdir(parents=True, exist_ok=True)
-        for name, path in zip(formats, paths, strict=True):
-            figure.savefig(path, **_SAVING[name])
+        with matplotlib.rc_context(_LAID_OUT):
+            _lay_out(figure)
+            for name, path in zip(formats, paths, strict=True):
+                figure.savefig(path, **_SAVING[name])
     except OSError as error:
         raise UserError(f"cannot write to {stem.parent}: {error.strerror or error}") from error
     return paths
@@ -105,9 +108,9 @@ def save(figure: Figure, stem: Path, formats: Sequence[str] = USUAL_FORMATS) -> 
 
 def svg_text(figure: Figure) -> str:
     """A figure as an SVG element for a page, whose text stays text."""
-    _lay_out(figure)
     whole = io.StringIO()
-    with matplotlib.rc_context({"svg.fonttype": "none"}):
+    with matplotlib.rc_context(_LAID_OUT | {"svg.fonttype": "none"}):
+        _lay_out(figure)
         figure.savefig(whole, format="svg", **_SAVING["svg"])
     svg = whole.getvalue()
     return _UNWANTED.sub("", svg[svg.index("<svg") :])
@@ -115,10 +118,13 @@ def svg_text(figure: Figure) -> str:
 
 def _lay_out(figure: Figure) -> None:
     """Compute the layout once, not for each file."""
+    layout = figure.get_layout_engine()
+    if layout is None:
+        return
     equal = any(axes.get_aspect() != "auto" for axes in figure.axes)
     for _ in range(2 if equal else 1):  # panels of equal aspect settle in the second round
-        figure.draw_without_rendering()
-    figure.set_layout_engine("none")
+        layout.execute(figure)
+    figure.set_layout_engine(None)
 
 
 def file_name(label: str) -> str:
@@ -166,7 +172,7 @@ def log_axis(axes: Axes, bottom: float, top: float) -> None:
     """A logarithmic ordinate whose lowest tick also stands for all that is smaller."""
     axes.set_yscale("log")
     axes.set_ylim(bottom, top)
-    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.yaxis.set_minor_locator(NullLocator())
 
     def power(value: float, _: Any) -> str:  # in plain characters, as mathematical text is off
         exponent = str(round(math.log10(value))).translate(_SUPERSCRIPTS)
