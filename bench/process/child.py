@@ -120,7 +120,7 @@ class Child:
             plugins: references of the plugins that a restricted process runs.
             hidden: folder that a restricted process cannot read.
             readable: further files that it can read.
-            modules: modules of this package that its fork server imports.
+            modules: modules of this package that are imported before it is forked.
             may_announce: whether it may divide its work into stages with their own time limits.
             has_children: whether it is a parent of ``Child`` itself: then processes may be left
                 when its work is done, and only its own memory is limited here.
@@ -271,7 +271,8 @@ class Child:
     def _started(self) -> Started | Forked:
         self._ready, self.served = False, 0
         if not self._restricted:
-            return Started(self._log, self._memory)
+            given = self._log, self._memory, self._modules, self._has_children
+            return Started(*given, seconds=START_LIMIT)
         if self._server is None or self._server.ended():
             reach = reachable(self._plugins, self._hidden)
             reach = replace(reach, readable=(*reach.readable, *self._readable))

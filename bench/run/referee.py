@@ -22,6 +22,7 @@ from olne_bench.bench.process.child import (
 )
 from olne_bench.bench.process.inside import announce
 from olne_bench.bench.process.messages import StartError
+from olne_bench.bench.run import player
 from olne_bench.bench.run.metric_process import MetricProcess
 from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.bench.text import describe_error
@@ -31,6 +32,8 @@ from olne_bench.errors import UserError
 #: Time [s] for reading the files of the code, with the first trial. No foreign code runs meanwhile.
 _CODE_SECONDS = 300.0
 _FIRST_STAGE = "set-up"
+#: What judges trials, and what players need.
+_MODULES = (__name__, "olne_bench.bench.judge.trials", player.__name__)
 
 
 class OtherCodeError(UserError):
@@ -58,7 +61,7 @@ class RefereeProcess:
         self.trial: Trial | None = None
         self._memory, self._hidden = memory, hidden
         self._log = log
-        self._child = Child(log=log, may_announce=True)
+        self._child = self._trusted()
         self._home: tuple[str, ...] = ()
         self._attempts = 0
 
@@ -125,7 +128,7 @@ class RefereeProcess:
     def _for(self, trial: Trial, home: tuple[str, ...]) -> Child:
         """A process for a trial; foreign scenarios and sensors run in a sandbox, as players do."""
         if not home:
-            return Child(log=self._log, may_announce=True)
+            return self._trusted()
         return Child(
             log=self._log,
             memory=self._memory,
@@ -136,6 +139,10 @@ class RefereeProcess:
             may_announce=True,
             has_children=True,
         )
+
+    def _trusted(self) -> Child:
+        """A process in which no foreign code runs."""
+        return Child(log=self._log, may_announce=True, has_children=True, modules=_MODULES)
 
     def _of_death(self, error: DiedError) -> Outcome:
         assert self.trial is not None

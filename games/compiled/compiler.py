@@ -18,6 +18,7 @@ the compiler is ``cc``; where there is none, the clang of the package ``ziglang`
 """
 
 import ctypes
+import fcntl
 import hashlib
 import importlib.util
 import os
@@ -27,7 +28,8 @@ import shutil
 import subprocess
 import tempfile
 import time
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path
 
@@ -140,11 +142,24 @@ def _load(command: tuple[str, ...], source: str, processor: tuple[str, ...] = ()
         return ctypes.CDLL(str(shared))
     folder = _folder()
     try:
-        return ctypes.CDLL(
-            str(_kept(folder, key) or _compile([*command, *flags], source, folder, key))
-        )
+        if kept := _kept(folder, key):
+            return ctypes.CDLL(str(kept))
+        with _alone(folder, key):
+            kept = _kept(folder, key)  # another process may have compiled it meanwhile
+            return ctypes.CDLL(str(kept or _compile([*command, *flags], source, folder, key)))
     except OSError:  # another process may have removed it just now
         return ctypes.CDLL(str(_compile([*command, *flags], source, folder, key)))
+
+
+@contextmanager
+def _alone(folder: Path, key: str) -> Iterator[None]:
+    """Wait for other processes that compile the same; a sandbox has no locks, and needs none."""
+    path = folder / f"{key[:32]}.lock"
+    with path.open("w") as file:
+        with suppress(OSError):
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+        path.unlink(missing_ok=True)
 
 
 def _compile(command: list[str], source: str, folder: Path, key: str) -> Path:

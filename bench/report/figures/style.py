@@ -67,8 +67,6 @@ _SAVING: dict[str, dict[str, Any]] = {
     "svg": {"metadata": {"Date": None}, "dpi": 100},
     "pdf": {"metadata": {"CreationDate": None}, "dpi": 200},
 }
-#: Settings under which a figure that is laid out stays so: with a layout, it is drawn twice.
-_LAID_OUT: dict[str, Any] = {"figure.constrained_layout.use": False}
 #: Ids that Matplotlib counts, which several figures on a page would share, and metadata.
 _UNWANTED = re.compile(r' id="[A-Za-z0-9]+_\d+"|<metadata>.*?</metadata>', re.DOTALL)
 #: Artists and names of a legend.
@@ -97,7 +95,7 @@ def save(figure: Figure, stem: Path, formats: Sequence[str] = USUAL_FORMATS) -> 
     paths = [stem.with_name(f"{stem.name}.{name}") for name in formats]
     try:
         stem.parent.mkdir(parents=True, exist_ok=True)
-        with matplotlib.rc_context(_LAID_OUT):
+        with matplotlib.rc_context({"figure.constrained_layout.use": False}):
             _lay_out(figure)
             for name, path in zip(formats, paths, strict=True):
                 figure.savefig(path, **_SAVING[name])
@@ -109,7 +107,7 @@ def save(figure: Figure, stem: Path, formats: Sequence[str] = USUAL_FORMATS) -> 
 def svg_text(figure: Figure) -> str:
     """A figure as an SVG element for a page, whose text stays text."""
     whole = io.StringIO()
-    with matplotlib.rc_context(_LAID_OUT | {"svg.fonttype": "none"}):
+    with matplotlib.rc_context({"figure.constrained_layout.use": False, "svg.fonttype": "none"}):
         _lay_out(figure)
         figure.savefig(whole, format="svg", **_SAVING["svg"])
     svg = whole.getvalue()
@@ -117,7 +115,10 @@ def svg_text(figure: Figure) -> str:
 
 
 def _lay_out(figure: Figure) -> None:
-    """Compute the layout once, not for each file."""
+    """Compute the layout once, not for each file.
+
+    Settings that ask for a layout would give the figure a new one, which draws it twice.
+    """
     layout = figure.get_layout_engine()
     if layout is None:
         return
