@@ -86,7 +86,7 @@ def receive(control: socket.socket, seconds: float | None) -> tuple[dict[str, An
         OSError: if the other side is gone, or nothing comes in time.
     """
     control.settimeout(seconds)
-    content, descriptors, _, _ = socket.recv_fds(control, _LENGTH.size, 2)
+    content, descriptors, _, _ = socket.recv_fds(control, _LENGTH.size, 3)
     while len(content) < _LENGTH.size:
         content += _some(control, _LENGTH.size - len(content))
     (length,) = _LENGTH.unpack(content)
@@ -122,7 +122,8 @@ def serve(descriptor: int) -> None:
             return
         confined = scopes_signals() and not _can_signal(parent)
         own = _shared()
-        _import(start["modules"])
+        gc.collect()
+        gc.freeze()  # a fork's collections leave its pages alone
         with suppress(UserError):
             backend()  # it asks the compiler, which takes longer than a fork
         send(control, {"shared": _shared() - own})

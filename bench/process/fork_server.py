@@ -5,27 +5,28 @@ import select
 import shutil
 import signal
 import socket
-import subprocess
 import sys
 import tempfile
 import time
 from collections import deque
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
 from olne_bench.bench.process import fork_loop
-from olne_bench.bench.process.arithmetic import same_arithmetic
 from olne_bench.bench.process.channel import Channel
 from olne_bench.bench.process.family import has_ended, kill_family
-from olne_bench.bench.process.fork_loop import Order, as_request
+from olne_bench.bench.process.fork_loop import as_request
 from olne_bench.bench.process.messages import StartError
+from olne_bench.bench.process.nursery import Born, Order, foreign_variables, search_path
 from olne_bench.bench.process.reachable import Reach
 from olne_bench.bench.process.sandbox import scopes_signals
 from olne_bench.games.compiled.compiler import reader_environment
 from olne_bench.visible import visible
 
+#: How long a server may take to start [s].
+_START_SECONDS = 300.0
 #: How long a server may take for an answer once it has started [s].
 _ANSWER_SECONDS = 60.0
 #: How long a server may take to end its forks and itself [s].
@@ -34,12 +35,6 @@ _END_SECONDS = 2.0
 _LOOK_SECONDS = 0.005
 #: Most of what one process prints that a log keeps [bytes].
 _MOST_LOG = 2**20
-#: Variables that a process of foreign code receives, by name and by the beginning of a name.
-_VARIABLES = ("PATH", "LANG", "LANGUAGE", "TZ", "CC", "LD_LIBRARY_PATH", "VIRTUAL_ENV")
-_FAMILIES = (
-    *("LC_", "PYTHON", "OLNE_BENCH_", "OMP_", "OPENBLAS_", "MKL_", "VECLIB_", "NPY_", "NUMEXPR_"),
-    *("NUMBA_", "JAX_", "XLA_", "TORCH_", "CUDA_", "MPL"),
-)
 
 
 class ServerGoneError(Exception):
@@ -139,19 +134,16 @@ class ForkServer:
         #: Kinds of answers to come, and the process that is gone with one.
         self._waiting: deque[tuple[str, Forked | None]] = deque()
         ours, theirs = socket.socketpair()
-        boot = f"import sys; sys.path[:] = {search_path()!r}; "
-        boot += "from olne_bench.bench.process.fork_loop import serve; "
-        with theirs:
-            self._process = subprocess.Popen(
-                [sys.executable, "-u", "-c", f"{boot}serve({theirs.fileno()})"],
-                stdin=subprocess.DEVNULL,
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
-                cwd=self._home.name,
-                env=_environment(Path(self._home.name)),
-                pass_fds=[theirs.fileno()],
-                start_new_session=True,  # it gets no Ctrl-C from the terminal
-            )
+        home = Path(self._home.name)
+        variables = foreign_variables() | reader_environment(home / "cache")
+        order = Order(search_path(), self._home.name, modules, serves_forks=True)
+        with theirs, Path(os.devnull).open("ab") as output:
+            given = order, theirs, output, variables | {"TMPDIR": str(home)}
+            try:
+                self._process = Born(*given, seconds=_START_SECONDS)
+            except StartError:
+                ours.close()
+                raise
         self._control = ours
         self._forks: list[Forked] = []
         self.exit_code = 0
@@ -161,7 +153,6 @@ class ForkServer:
                 "readable": [str(place) for place in reach.readable],
                 "listable": [str(place) for place in reach.listable],
                 "folder": self._home.name,
-                "modules": list(modules),
             },
         )
 
@@ -175,7 +166,7 @@ class ForkServer:
         folder = Path(tempfile.mkdtemp(dir=self._home.name))  # its name tells no number of trials
         ours, theirs = socket.socketpair()
         log = folder.with_suffix(".log").open("w+b", buffering=0)
-        order = Order(str(folder), memory, has_children)
+        order = fork_loop.Order(str(folder), memory, has_children)
         with theirs:
             self._ask("pid", as_request(order), (theirs.fileno(), log.fileno()))
         forked = Forked(self, Channel(ours), folder, log)
@@ -229,7 +220,7 @@ class ForkServer:
 
     def ended(self) -> bool:
         """Whether the server's process has ended."""
-        return self._process.poll() is not None
+        return self._process.ended()
 
     def end(self, forked: Forked) -> None:
         """Have the server wait for a process that was killed, and end what it has left."""
@@ -248,12 +239,9 @@ class ForkServer:
             return
         killed = not self.ended()
         self._control.close()
-        with suppress(subprocess.TimeoutExpired):
-            self._process.wait(_END_SECONDS)  # it ends with its forks
-        if not self.ended():
-            kill_family(self._process.pid)
-        code = self._process.wait()
-        self.exit_code = -signal.SIGKILL if killed else code
+        code = self._process.exit_code(_END_SECONDS)  # it ends with its forks
+        self._process.stop()
+        self.exit_code = -signal.SIGKILL if killed or code is None else code
         for forked in self._forks:
             self._keep(forked.clear())
         self._forks.clear()
@@ -280,23 +268,3 @@ class ForkServer:
         else:
             with self._log.open("ab") as file:
                 file.write(said)
-
-
-def search_path() -> list[str]:
-    """``sys.path`` for a process in another folder."""
-    return [str(Path(entry).resolve()) if entry in ("", ".") else entry for entry in sys.path]
-
-
-def _environment(home: Path) -> Mapping[str, str]:
-    """Variables of a server: none that tell what it is used for."""
-    known = {
-        name: value
-        for name, value in os.environ.items()
-        if name in _VARIABLES or name.startswith(_FAMILIES)
-    }
-    return {
-        **known,
-        **same_arithmetic(),
-        **reader_environment(home / "cache"),
-        "TMPDIR": str(home),
-    }

@@ -18,7 +18,7 @@ import numpy as np
 import psutil
 import pytest
 
-from olne_bench.bench.process import inside, started
+from olne_bench.bench.process import inside, nursery
 from olne_bench.bench.process.child import (
     Child,
     DiedError,
@@ -31,8 +31,8 @@ from olne_bench.bench.process.child import (
     _raise,
     _too_much,
 )
-from olne_bench.bench.process.fork_server import StartError, search_path
-from olne_bench.bench.process.messages import Raised, Ready, Stage, encode
+from olne_bench.bench.process.messages import Raised, Ready, Stage, StartError, encode
+from olne_bench.bench.process.nursery import search_path
 from olne_bench.errors import UserError
 
 SLEEPER = f"4321.5{os.getpid()}"  # tests run beside each other and tell their own by it
@@ -449,7 +449,7 @@ def test_a_memory_error_without_a_limit_is_one_like_others():
 
 def test_a_machine_on_which_nothing_starts_is_told(monkeypatch):
     monkeypatch.setattr(sys, "executable", shutil.which("false"))
-    monkeypatch.setattr(started, "_own", None)
+    monkeypatch.setattr(nursery, "_own", None)
     child = Child()
     with pytest.raises(DiedError, match="a process died with exit code 1 before") as caught:
         child.call(add, 1.0, 2.0, kind=float, seconds=5)
@@ -465,7 +465,7 @@ def test_a_start_has_a_limit_of_its_own(monkeypatch, tmp_path):
     slow.write_text("#!/bin/sh\nexec sleep 30\n")
     slow.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(slow))
-    monkeypatch.setattr(started, "_own", None)
+    monkeypatch.setattr(nursery, "_own", None)
     monkeypatch.setattr("olne_bench.bench.process.child.START_LIMIT", 0.05)
     with pytest.raises(StartError, match=r"did not start within 0\.05 s"):
         child.call(add, 1.0, 2.0, kind=float, seconds=5)

@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import psutil
 import pytest
 
-from olne_bench.bench.process import fork_loop, fork_server
+from olne_bench.bench.process import fork_loop, fork_server, nursery
 from olne_bench.bench.process.child import Child, DiedError, LeftProcessesError
 from olne_bench.bench.process.family import has_ended
 from olne_bench.bench.process.messages import StartError
@@ -138,7 +138,7 @@ def test_a_log_is_cut(child, tmp_path, monkeypatch):
     assert log.read_text() == "0123456789\n[4 more bytes]\n"
 
 
-class _Refusing:
+class _Refusing(list):
     """A search path with which the kernel seems to refuse restrictions."""
 
     def __repr__(self) -> str:
@@ -150,7 +150,8 @@ class _Refusing:
 
 
 def test_foreign_code_does_not_run_where_the_kernel_refuses(child, monkeypatch):
-    monkeypatch.setattr(fork_server, "search_path", _Refusing)
+    monkeypatch.setattr(nursery, "_own", None)
+    monkeypatch.setattr(nursery, "search_path", lambda: _Refusing(sys.path))
     with pytest.raises(StartError, match="foreign code cannot be restricted: no rules"):
         child.call(os.getpid, kind=int, seconds=5)
 
