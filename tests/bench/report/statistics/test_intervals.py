@@ -14,7 +14,7 @@ from olne_bench.bench.report.statistics.intervals import (
     share_interval,
 )
 
-STUDIES = 1000
+STUDIES = 400
 STUDIES_OF_MEANS = 300  # a bootstrap each
 LEVELS = np.array([0.01, 0.02, 0.05, 0.1])
 
