@@ -95,6 +95,7 @@ class Child:
         busy: whether it is working.
         served: number of pieces of work that the present process has done.
         stage: last stage of the work that was announced; empty before the first.
+        modules: names of modules of this package that its next process has imported, if any.
     """
 
     def __init__(
@@ -106,7 +107,6 @@ class Child:
         plugins: Sequence[str] = (),
         hidden: Path | None = None,
         readable: Sequence[Path] = (),
-        modules: Sequence[str] = (),
         may_announce: bool = False,
         has_children: bool = False,
     ) -> None:
@@ -120,7 +120,6 @@ class Child:
             plugins: references of the plugins that a restricted process runs.
             hidden: folder that a restricted process cannot read.
             readable: further files that it can read.
-            modules: modules of this package that are imported before it is forked.
             may_announce: whether it may divide its work into stages with their own time limits.
             has_children: whether it is a parent of ``Child`` itself: then processes may be left
                 when its work is done, and only its own memory is limited here.
@@ -129,7 +128,8 @@ class Child:
         self.served = 0
         self._log, self._memory = log, memory
         self._restricted, self._hidden, self._may_announce = restricted, hidden, may_announce
-        self._plugins, self._readable, self._modules = plugins, readable, modules
+        self._plugins, self._readable = plugins, readable
+        self.modules: Sequence[str] = ()
         self._has_children = has_children
         self._process: Started | Forked | None = None
         self._server: ForkServer | None = None
@@ -271,12 +271,12 @@ class Child:
     def _started(self) -> Started | Forked:
         self._ready, self.served = False, 0
         if not self._restricted:
-            given = self._log, self._memory, self._modules, self._has_children
+            given = self._log, self._memory, self.modules, self._has_children
             return Started(*given, seconds=START_LIMIT)
         if self._server is None or self._server.ended():
             reach = reachable(self._plugins, self._hidden)
             reach = replace(reach, readable=(*reach.readable, *self._readable))
-            self._server = ForkServer(reach, self._modules, self._log)
+            self._server = ForkServer(reach, self.modules, self._log)
         return self._server.fork(memory=self._memory, has_children=self._has_children)
 
     def _take(self, message: Message, kind: Any) -> Any:

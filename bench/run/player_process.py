@@ -135,9 +135,8 @@ def player_child(
     """
     if not task.plugin:
         return Child(memory=memory)
-    child = Child(
-        memory=memory, restricted=True, plugins=homes, hidden=hidden, modules=(player.__name__,)
-    )
+    child = Child(memory=memory, restricted=True, plugins=homes, hidden=hidden)
+    child.modules = (player.__name__,)
     with suppress(ChildError, RaisedError, UserError):  # its first trial will show it
         asked = (task.reference, task.parameters)
         seconds = min(LOAD_LIMIT, task.time_limit)

@@ -28,12 +28,11 @@ from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.bench.text import describe_error
 from olne_bench.envs.solved.kept_draws import travelling
 from olne_bench.errors import UserError
+from olne_bench.plugins import SCENARIO, source
 
 #: Time [s] for reading the files of the code, with the first trial. No foreign code runs meanwhile.
 _CODE_SECONDS = 300.0
 _FIRST_STAGE = "set-up"
-#: What judges trials, and what players need.
-_MODULES = (__name__, "olne_bench.bench.judge.trials", player.__name__)
 
 
 class OtherCodeError(UserError):
@@ -116,6 +115,7 @@ class RefereeProcess:
             self._child.stop()
             self._child = self._for(trial, home)
         self.trial, self._home = trial, home
+        self._child.modules = () if home else _modules(trial)
         arguments = (trial, self._memory, self._hidden, bool(home))
         longest = all_seconds(trial) if home else math.inf
         limits = {"seconds": own_seconds(trial), "longest": longest}
@@ -142,13 +142,21 @@ class RefereeProcess:
 
     def _trusted(self) -> Child:
         """A process in which no foreign code runs."""
-        return Child(log=self._log, may_announce=True, has_children=True, modules=_MODULES)
+        return Child(log=self._log, may_announce=True, has_children=True)
 
     def _of_death(self, error: DiedError) -> Outcome:
         assert self.trial is not None
         if self._child.stage == "estimate" and self.trial.plugin:
             return Outcome("crash", f"the referee died while it ran: {error}")
         return Outcome("harness_error", f"the referee: {error}")
+
+
+def _modules(trial: Trial) -> tuple[str, ...]:
+    """What judges a trial, what players need, and its world, as some import HighwayEnv."""
+    return (
+        *(__name__, player.__name__, f"olne_bench.bench.judge.{trial.kind}"),
+        source(SCENARIO, trial.scenario.name)[0],
+    )
 
 
 _staff: Staff | None = None

@@ -234,7 +234,7 @@ def test_what_a_plugin_changes_in_its_process_reaches_no_other_estimator(tmp_pat
         suite = load_suite("quick", plugins)
         part = select(suite, PART)
         trials = sorted(expand(part, seeds=1), key=lambda t: t.estimator.label)  # Patches first
-        assert [t.plugin for t in trials] == ["Patches", "", "", ""][1 - len(plugins) :]
+        assert [t.plugin for t in trials] == ["Patches", *[""] * 4][1 - len(plugins) :]
         found = list(run_trials(trials, jobs=1, log=tmp_path / "log"))
         rows.append({t.key: replace(o, solve_seconds=None) for t, o in found if not t.plugin})
     assert rows[0] == rows[1]

@@ -91,9 +91,9 @@ def test_a_trial_is_sent_and_its_outcome_comes_back(children, trial):
     one = referee()
     one.assign(trial)
     (child,) = children
-    modules = child.options.pop("modules")
     assert child.options == {"log": Path("log"), "may_announce": True, "has_children": True}
-    assert all(importlib.util.find_spec(name) for name in modules)
+    assert all(importlib.util.find_spec(name) for name in child.modules)
+    assert "olne_bench.bench.judge.trials" in child.modules
     assert child.sent == [(run_trial, (trial, 2**30, Path("run"), False), own_seconds(trial))]
     FakeChild.answers = [None, OK]
     assert one.channel is child.channel
