@@ -38,6 +38,8 @@ _ANSWER_SECONDS = 60.0
 _END_SECONDS = 2.0
 #: How often a process is looked at while its end is waited for [s].
 _LOOK_SECONDS = 0.005
+#: Signals that end a process; pygame, which HighwayEnv imports, would end it by another one.
+_FATAL = (signal.SIGILL, signal.SIGFPE, signal.SIGBUS, signal.SIGSEGV)
 #: Variables that a process of foreign code receives, by name and by the beginning of a name.
 _VARIABLES = ("PATH", "LANG", "LANGUAGE", "TZ", "CC", "LD_LIBRARY_PATH", "VIRTUAL_ENV")
 _FAMILIES = (
@@ -219,12 +221,12 @@ def search_path() -> list[str]:
 
 def foreign_variables() -> dict[str, str]:
     """Variables of a process of foreign code: none that tell what it is used for."""
-    known = {
-        name: value
-        for name, value in os.environ.items()
-        if name in _VARIABLES or name.startswith(_FAMILIES)
-    }
+    known = {name: os.environ[name] for name in os.environ if _is_told(name)}
     return known | dict(same_arithmetic())
+
+
+def _is_told(name: str) -> bool:
+    return name in _VARIABLES or name.startswith(_FAMILIES)
 
 
 def serve(descriptor: int) -> None:
@@ -269,6 +271,8 @@ def _fork(control: socket.socket, order: Order, connection: int, output: int, fi
     try:
         control.close()
         os.setsid()
+        for number in _FATAL:
+            signal.signal(number, signal.SIG_DFL)
         for descriptor in (1, 2):
             os.dup2(output, descriptor)
         os.close(output)
@@ -302,7 +306,8 @@ def _have_nursery(*private: int) -> None:
 def _move_in(order: Order, file: int) -> None:
     """Take the folder, the search path and the variables that were passed."""
     with open(file, "rb") as variables:
-        os.environ.clear()
+        for name in filter(_is_told, [*os.environ]):  # what imports have set stays
+            del os.environ[name]
         os.environ.update(json.loads(variables.read()))
     sys.path[:] = order.path
     tempfile.tempdir = None

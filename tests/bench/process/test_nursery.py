@@ -54,6 +54,11 @@ def die_later() -> str:
     return ""
 
 
+def end_by_a_signal() -> str:
+    os.kill(os.getpid(), signal.SIGSEGV)
+    return ""
+
+
 def test_processes_are_forks_of_one(child):
     pid = child.call(os.getpid, kind=int, seconds=20)
     other = Child()
@@ -75,6 +80,11 @@ def test_a_process_passes_nothing_on_that_it_was_told(child, restricted):
 def test_variables_are_those_of_the_parent_now_and_a_nursery_never_sees_them(child, monkeypatch):
     monkeypatch.setattr(nursery, "_own", None)
     monkeypatch.setenv("A_SECRET", "of the user")
+    monkeypatch.setenv("LC_MONETARY", "C")
+    assert child.call(variable, "LC_MONETARY", kind=str, seconds=20) == "C"
+    child.end()
+    monkeypatch.delenv("LC_MONETARY")
+    assert child.call(variable, "LC_MONETARY", kind=str, seconds=20) == ""
     assert child.call(variable, "A_SECRET", kind=str, seconds=20) == "of the user"
     strange = Child(restricted=True)
     try:
@@ -84,6 +94,13 @@ def test_variables_are_those_of_the_parent_now_and_a_nursery_never_sees_them(chi
             assert "A_SECRET" not in strange.call(first_variables, kind=str, seconds=20)
     finally:
         strange.stop()
+
+
+def test_a_library_that_was_imported_before_does_not_change_how_a_process_ends(monkeypatch, child):
+    monkeypatch.setattr(nursery, "_own", None)
+    child.modules = ("olne_bench.envs.scenarios.merge",)
+    with pytest.raises(DiedError, match="SIGSEGV"):
+        child.call(end_by_a_signal, kind=str, seconds=20)
 
 
 def test_a_nursery_that_is_killed_is_replaced(child, monkeypatch):
