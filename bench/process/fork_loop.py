@@ -1,8 +1,9 @@
 """The loop of a fork server: a restricted process that forks others, which run foreign code.
 
-The server restricts itself first and imports what it is told to import, but never foreign code. So
-each fork starts from the same state, restricted from its first instruction, and no fork leaves
-anything for the next: it has a folder of its own, and nothing else that it can write to.
+The server is a fork that has imported modules of this package (``nursery``). It restricts itself
+before anything else, imports libraries that it is told, and never foreign code. So each fork starts
+from the same state, restricted from its first instruction, and no fork leaves anything for the
+next: it has a folder of its own, and nothing else that it can write to.
 """
 
 import gc
