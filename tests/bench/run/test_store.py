@@ -26,7 +26,7 @@ SOURCE = Provenance("", "{}", "", Selection(), 1, "", {}, {}, "", {})
 @pytest.fixture
 def trials():
     part = select(
-        load_suite("quick"), Selection(scenarios=("two_player",), estimators=("uniform",))
+        load_suite("paper"), Selection(scenarios=("two_player",), estimators=("uniform",))
     )
     return list(expand(part, seeds=2))
 
@@ -45,7 +45,7 @@ def test_rows_come_back(tmp_path, trials):
     assert (row["status"], row["message"], row["cosine_error"]) == ("ok", "fine", 0.1)
     assert np.isnan(row["position_error"])
     assert row["extras"] == '{"a": 1}'
-    assert row["count"] == 5
+    assert row["count"] == 40
 
 
 def test_order_does_not_depend_on_when_rows_were_written(tmp_path, trials):
