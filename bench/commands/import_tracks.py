@@ -1,5 +1,6 @@
 """``olne-bench import``: make a recording from a user's own tracks."""
 
+import csv
 from pathlib import Path
 
 import click
@@ -27,11 +28,11 @@ def import_tracks(
 ) -> None:
     """Make a recording from TRACKS, whose true weights are unknown."""
     check_new_file("--out", out, (".parquet",))
-    names = tuple(name.strip() for name in players.split(",")) if players else ()
+    names = next(csv.reader([players or ""], skipinitialspace=True), [])
     imported = read_tracks(
         tracks,
         format_name,
-        excerpt=Excerpt(window, names, resample),
+        excerpt=Excerpt(window, tuple(name.strip() for name in names), resample),
         frame=Frame(flip_y, float(np.deg2rad(rotate)), shift),
         road=road,
         part=part,

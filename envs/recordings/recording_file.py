@@ -23,7 +23,7 @@ from olne_bench.checks import first_problem
 from olne_bench.envs.recordings.recording import Recording
 from olne_bench.envs.tracks.checks import LATEST, MOST_STEPS, STEP_TOLERANCE, check_name
 from olne_bench.envs.tracks.road_file import RoadFile, road_file
-from olne_bench.envs.tracks.table import listed
+from olne_bench.envs.tracks.text import listed
 from olne_bench.errors import UserError, bad_input
 from olne_bench.files import whole_file
 from olne_bench.games.solve.olne import Gains

@@ -1,81 +1,139 @@
-"""CommonRoad scenarios (XML or protobuf): their dynamic obstacles and their lanelets."""
+"""CommonRoad scenarios (XML): their dynamic obstacles and their lanelets.
 
+The versions 2018b and 2020a are read without commonroad-io, which refuses a file for one element
+that is wrong, and takes what an initial state lacks to be zero.
+"""
+
+from collections import Counter
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
 
-from olne_bench.envs.tracks.road import MOST_MAP_BYTES, Road, RoadLane, curves_through
-from olne_bench.envs.tracks.table import COLUMNS, Tracks, no_parts
+from olne_bench.envs.tracks.fronts import centred, travel
+from olne_bench.envs.tracks.road import (
+    MOST_MAP_BYTES,
+    NO_LANE,
+    Road,
+    RoadLane,
+    curves_through,
+    read_lanes,
+)
+from olne_bench.envs.tracks.table import (
+    COLUMNS,
+    SLOWEST,
+    Tracks,
+    no_parts,
+    plain_float,
+)
+from olne_bench.envs.tracks.text import listed, read_bytes
 from olne_bench.errors import UserError, bad_input
-from olne_bench.files import check_input
 
-DESCRIPTION = "CommonRoad scenarios; lanes from their lanelets; needs olne-bench[commonroad]"
+DESCRIPTION = "CommonRoad scenarios (XML); lanes from their lanelets"
+#: Elements of obstacles, and those of them that do not move.
+_STATIC, _DYNAMIC = ("staticObstacle", "environmentObstacle"), ("dynamicObstacle", "obstacle")
+_Row = tuple[float, str, float, float, float, float, float, str, float]
 
 
 def read(path: Path, part: str | None) -> Tracks:
     """Read the obstacles that have a trajectory; see ``track_formats``."""
     no_parts(part)
-    check_input("tracks file", path, MOST_MAP_BYTES)
-    scenario = _scenario(path)
-    rows: list[tuple[Any, ...]] = []
-    skipped = []
-    for obstacle in scenario.dynamic_obstacles:
-        trajectory = getattr(obstacle.prediction, "trajectory", None)
-        if trajectory is None:
-            skipped.append(str(obstacle.obstacle_id))
-            continue
-        for state in [obstacle.initial_state, *trajectory.state_list]:
-            rows.append(_row(path, scenario.dt, obstacle, state))
-    lanes = {
-        str(lanelet.lanelet_id): _lane(path, lanelet)
-        for lanelet in scenario.lanelet_network.lanelets
+    data = read_bytes("tracks file", path, MOST_MAP_BYTES)
+    with bad_input(f"{path} is not a CommonRoad scenario in XML", OSError):
+        root = ElementTree.fromstring(data)
+        if root.tag != "commonRoad":
+            raise ValueError(f"its root is <{root.tag}>, not <commonRoad>")
+        dt = plain_float(root.attrib["timeStepSize"])
+        left_out: dict[str, list[str]] = {}
+        rows = [row for obstacle in root for row in _rows(obstacle, dt, left_out)]
+    if not rows:
+        told = "; ".join(f"{why}: {listed(names)}" for why, names in left_out.items())
+        raise UserError(f"{path} has no dynamic obstacles{f'; left out, {told}' if told else ''}")
+    table = pd.DataFrame(rows, columns=[*COLUMNS, "ahead"])
+    ahead = table.pop("ahead")
+    if ahead.any():
+        table = centred(table, table["heading"].fillna(travel(table)), ahead)
+    notes = (f"left out, {why}: {listed(names)}" for why, names in left_out.items())
+    return Tracks(table, _road(root), tuple(notes))
+
+
+def _rows(
+    obstacle: ElementTree.Element, dt: float, left_out: dict[str, list[str]]
+) -> Iterator[_Row]:
+    """The exact states of an element, if it is an obstacle that moves; others are noted."""
+    number, role = obstacle.get("id", "?"), obstacle.findtext("role", "").strip()
+    if obstacle.tag in _STATIC or (obstacle.tag == "obstacle" and role == "static"):
+        left_out.setdefault("static", []).append(number)
+    elif obstacle.tag == "phantomObstacle":
+        left_out.setdefault("phantoms", []).append(number)
+    if obstacle.tag not in _DYNAMIC or role == "static":
+        return
+    states = obstacle.findall("trajectory/state")
+    if not states:
+        left_out.setdefault("without a trajectory", []).append(number)
+        return
+    problems: Counter[str] = Counter()
+    for state in [*obstacle.findall("initialState"), *states]:
+        try:
+            yield _row(obstacle, state, dt)
+        except _UncertainError:
+            problems["uncertain"] += 1
+        except NO_LANE:
+            problems["not readable"] += 1
+    for why, count in problems.items():
+        left_out.setdefault(why, []).append(f"{count} states of obstacle {number}")
+
+
+class _UncertainError(Exception):
+    """A position or a time is a range."""
+
+
+def _row(obstacle: ElementTree.Element, state: ElementTree.Element, dt: float) -> _Row:
+    point, step = state.find("position/point"), _exact(state, "time")
+    if point is None or np.isnan(step):
+        raise _UncertainError
+    x, y = (plain_float(point.findtext(name, "")) for name in ("x", "y"))
+    heading, along, across = (
+        _exact(state, name) for name in ("orientation", "velocity", "velocityY")
+    )
+    speed = along if np.isnan(across) else np.hypot(along, across)
+    if np.isnan(heading) and not np.isnan(across) and speed > SLOWEST:
+        heading = np.arctan2(across, along)  # of a point mass, whose axes are those of the map
+    length, ahead = (
+        plain_float(obstacle.findtext(f"shape/rectangle/{name}", default))
+        for name, default in (("length", "nan"), ("originXShift", "0"))
+    )
+    kind = obstacle.findtext("type", "").strip()
+    return dt * step, obstacle.attrib["id"], x, y, float(heading), float(speed), length, kind, ahead
+
+
+def _exact(state: ElementTree.Element, name: str) -> float:
+    """An exact value; NaN if there is none, or a range."""
+    return plain_float(state.findtext(f"{name}/exact", "nan"))
+
+
+def _road(root: ElementTree.Element) -> Road:
+    lanelets = {lanelet.attrib["id"]: lanelet for lanelet in root.findall("lanelet")}
+    following = {
+        name: [after.attrib["ref"] for after in lanelet.findall("successor")]
+        for name, lanelet in lanelets.items()
     }
-    notes = (f"left out, without a trajectory: {', '.join(skipped)}",) if skipped else ()
-    return Tracks(pd.DataFrame(rows, columns=list(COLUMNS)), Road(lanes) if lanes else None, notes)
+    return read_lanes(following, lambda name: _lane(lanelets[name]))
 
 
-def commonroad_io() -> None:
-    """UserError unless commonroad-io is installed; it says how to install it."""
-    try:
-        import commonroad  # noqa: F401
-    except ImportError as error:
-        raise UserError(
-            "CommonRoad files need commonroad-io: pip install 'olne-bench[commonroad]'"
-        ) from error
-
-
-def _scenario(path: Path) -> Any:
-    commonroad_io()
-    from commonroad.common.file_reader import CommonRoadFileReader
-
-    try:
-        scenario, _ = CommonRoadFileReader(path).open()
-    except Exception as error:  # the library raises whatever its parsers do
-        reason = " ".join(str(error).split()) or type(error).__name__
-        raise UserError(f"{path} is not a CommonRoad scenario: {reason}") from error
-    return scenario
-
-
-def _lane(path: Path, lanelet: Any) -> RoadLane:
-    across = lanelet.left_vertices - lanelet.right_vertices
-    with bad_input(f"{path}: lanelet {lanelet.lanelet_id}"):
-        return RoadLane(
-            curves_through(lanelet.center_vertices),
-            float(np.linalg.norm(across, axis=1).mean()),
-            tuple(str(number) for number in lanelet.successor),
+def _lane(lanelet: ElementTree.Element) -> RoadLane:
+    left, right = (
+        np.array(
+            [
+                [plain_float(point.findtext(name, "")) for name in ("x", "y")]  # without z
+                for point in lanelet.findall(f"{side}/point")
+            ]
         )
-
-
-def _row(path: Path, dt: float, obstacle: Any, state: Any) -> tuple[Any, ...]:
-    """One row of the table; the origin of a shape may differ from its centre."""
-    position, number = state.position, obstacle.obstacle_id
-    if not isinstance(position, np.ndarray) or not isinstance(state.time_step, int):
-        raise UserError(f"{path}: obstacle {number} has uncertain states; expected exact ones")
-    known = (getattr(state, name, None) for name in ("orientation", "velocity"))
-    heading, speed = (np.nan if value is None else float(value) for value in known)
-    ahead = float(getattr(obstacle.obstacle_shape, "origin_x_shift", 0.0))
-    if ahead != 0.0:
-        position = position[:2] - ahead * np.array([np.cos(heading), np.sin(heading)])
-    return dt * state.time_step, str(number), float(position[0]), float(position[1]), heading, speed
+        for side in ("leftBound", "rightBound")
+    )
+    if len(left) != len(right):
+        raise ValueError(f"its borders have {len(left)} and {len(right)} points")
+    width = np.linalg.norm(left - right, axis=1).mean()
+    return RoadLane(curves_through((left + right) / 2), float(width))

@@ -2,58 +2,32 @@
 
 from pathlib import Path
 
-import pandas as pd
-
-from olne_bench.envs.tracks.table import (
-    COLUMNS,
-    Tracks,
-    check_titles,
-    no_parts,
-    numbers,
-    read_titles,
-)
-from olne_bench.errors import UserError, bad_input
+from olne_bench.envs.tracks.table import COLUMNS, Tracks, no_parts, numbers
+from olne_bench.envs.tracks.text import read_sheet
+from olne_bench.errors import UserError
 
 DESCRIPTION = "columns time [s], player, x and y [m], heading [rad] and speed [m/s] where known"
 REQUIRED = ("time", "player", "x", "y")
-_MISSING = {"", "nan", "na", "n/a", "null"}
+_CLASSES = ("class", "agent_type", "type")  # names of the column of classes
 
 
 def read(path: Path, part: str | None) -> Tracks:
     """Read one row per time and player, in any order; see ``track_formats``."""
     no_parts(part)
-    cells = _cells(path)
-    ignored = [name for name in cells.columns if name not in COLUMNS]
-    cells = cells.reindex(columns=list(COLUMNS), fill_value="")
-    cells = cells.apply(lambda column: column.str.strip())
-    values = cells.drop(columns="player")
-    values = values.mask(values.apply(lambda column: column.str.lower().isin(_MISSING)))
-    table = cells[["player"]].join(numbers(path, values, list(values.columns), "line"))
-    for name, empty in (("player", table["player"] == ""), ("time", table["time"].isna())):
-        if empty.any():
-            raise UserError(f"{path}, line {empty.idxmax() + 1}: the row has no {name}")
+    sheet = read_sheet(path)
+    optional = [name for name in COLUMNS if name not in (*REQUIRED, "class")]
+    rows = sheet.columns(REQUIRED, (*optional, *_CLASSES), ("player", *_CLASSES))
+    rows.index += sheet.first - 1
+    rows = numbers(
+        path, rows, [name for name in ("time", *optional, "x", "y") if name in rows], "line"
+    )
+    untimed = rows.index[rows["time"].isna()]
+    if len(untimed):
+        raise UserError(f"{path}, line {untimed[0] + 1}: the row has no time")
+    found = [name for name in _CLASSES if name in rows]
+    rows["player"] = rows["player"].str.strip()
+    used = {*COLUMNS[:-1], *found[:1]}
+    ignored = [name for name in sheet.titles if name.lower() not in used]
+    table = rows.rename(columns={found[0]: "class"} if found else {})
     notes = (f"not used: column {', '.join(ignored)}",) if ignored else ()
-    return Tracks(table, notes=notes)
-
-
-def _cells(path: Path) -> pd.DataFrame:
-    """The cells as text, without blank lines; the first line has the index 0."""
-    if path.is_file() and not path.stat().st_size:
-        raise UserError(f"{path} is empty; expected the columns {', '.join(REQUIRED)}")
-    names = read_titles(path)
-    check_titles(path, names, [name for name in REQUIRED if name not in names])
-    again = [name for name in names if names.count(name) > 1]
-    if again:
-        raise UserError(f"{path}: column {again[0]!r} appears twice")
-    with bad_input(f"{path} is not a CSV file", OSError):
-        cells = pd.read_csv(
-            path,
-            dtype=str,
-            header=None,
-            index_col=False,
-            keep_default_na=False,
-            skip_blank_lines=False,
-            encoding="utf-8-sig",
-        )
-    rows = cells.iloc[1:].fillna("").set_axis(names, axis=1)
-    return rows[(rows != "").any(axis=1)]
+    return Tracks(table.reindex(columns=list(COLUMNS)).reset_index(drop=True), notes=notes)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from olne_bench.envs.tracks.road import Road, RoadLane
+from olne_bench.envs.tracks.road import RoadLane, read_lanes
 from olne_bench.envs.tracks.table import (
     Tracks,
     direction,
@@ -39,23 +39,29 @@ def read(path: Path, part: str | None) -> Tracks:
         y=rows["y"] + rows["height"] / 2,
         heading=direction(rows["xVelocity"], rows["yVelocity"]),
         speed=np.hypot(rows["xVelocity"], rows["yVelocity"]),
+        length=rows["width"],
+        **{"class": rows["class"]},
     )
     low, high = float(table["x"].min()) - _BEYOND, float(table["x"].max()) + _BEYOND
-    lanes = {
-        f"{side}_{number}": lane
+    between = {
+        f"{side}_{number}": pair
         for side, name in _MARKINGS.items()
         if name in meta
-        for number, lane in enumerate(_lanes(meta_path, meta[name].iloc[0], side, low, high), 1)
+        for number, pair in enumerate(_pairs(meta_path, meta[name].iloc[0], side), 1)
     }
-    return Tracks(table, Road(lanes) if lanes else None)
+    road = read_lanes(
+        dict.fromkeys(between, ()), lambda name: _lane(name, *between[name], low, high)
+    )
+    return Tracks(table, road)
 
 
-def _lanes(path: Path, markings: object, side: str, low: float, high: float) -> list[RoadLane]:
-    """Lanes between markings, given as a list of y [m] separated by semicolons."""
-    start, way = (high, -1.0) if side == "upper" else (low, 1.0)
+def _pairs(path: Path, markings: object, side: str) -> list[tuple[float, float]]:
+    """Neighbouring markings, given as a list of y [m] separated by semicolons."""
     with bad_input(f"{path}: {side}LaneMarkings are {str(markings)[:_SHOWN]!r}"):
-        values = [plain_float(value) for value in str(markings).split(";")]
-        return [
-            RoadLane((StraightLane((start, (a + b) / 2), (way, 0.0), high - low),), abs(b - a))
-            for a, b in pairwise(values)
-        ]
+        return list(pairwise(plain_float(value) for value in str(markings).split(";")))
+
+
+def _lane(name: str, first: float, second: float, low: float, high: float) -> RoadLane:
+    start, way = (high, -1.0) if name.startswith("upper") else (low, 1.0)
+    line = StraightLane((start, (first + second) / 2), (way, 0.0), high - low)
+    return RoadLane((line,), abs(second - first))

@@ -11,7 +11,7 @@ import pandas as pd
 from olne_bench.envs.tracks.table import Tracks, no_parts, numbers, of_columns, read_frames
 
 DESCRIPTION = "inD, rounD, exiD, uniD: NN_tracks.csv, with NN_recordingMeta.csv beside it"
-_NUMBERS = ("xCenter", "yCenter", "heading", "xVelocity", "yVelocity")
+_NUMBERS = ("xCenter", "yCenter", "heading", "length", "xVelocity", "yVelocity")
 _ORIGIN = ("xUtmOrigin", "yUtmOrigin")
 
 
@@ -26,6 +26,8 @@ def read(path: Path, part: str | None) -> Tracks:
         y=rows["yCenter"],
         heading=np.deg2rad(rows["heading"]),
         speed=np.hypot(rows["xVelocity"], rows["yVelocity"]),
+        length=rows["length"],
+        **{"class": rows["class"]},
     )
     return Tracks(table, origin=_origin(meta_path, meta))
 

@@ -4,85 +4,114 @@ Floating car data are XML with a row per vehicle and time step. Positions are th
 the front bumper; angles are in degrees clockwise from north.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
+from io import BytesIO
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 import pandas as pd
 
-from olne_bench.envs.tracks.road import MOST_MAP_BYTES, Road, RoadLane, curves_through
-from olne_bench.envs.tracks.table import COLUMNS, MOST_BYTES, Tracks, no_parts, plain_float
+from olne_bench.envs.tracks.fronts import centred, travel
+from olne_bench.envs.tracks.road import (
+    MOST_MAP_BYTES,
+    Road,
+    RoadLane,
+    curves_through,
+    read_lanes,
+)
+from olne_bench.envs.tracks.table import COLUMNS, Tracks, no_parts, plain_float
+from olne_bench.envs.tracks.text import MOST_BYTES, read_bytes
 from olne_bench.errors import UserError, bad_input
-from olne_bench.files import check_input
 
 DESCRIPTION = "SUMO: XML of --fcd-output; lanes from its network by --road FILE.net.xml"
 WIDTH = 3.2  # [m], SUMO's default width of a lane
 LENGTH = 5.0  # [m], SUMO's default length of a passenger car
+_NOWHERE = -(2.0**30)  # coordinates of a vehicle that is on no lane
+_OTHERS = ("person", "container")
+_Row = tuple[float, str, float, float, float, float, float, str]
 
 
 def read(path: Path, part: str | None) -> Tracks:
     """Read the vehicles; see ``track_formats``."""
     no_parts(part)
-    check_input("tracks file", path, MOST_BYTES)
+    data = read_bytes("tracks file", path, MOST_BYTES)
     what = f"{path} is not floating car data of SUMO"
     with bad_input(what, OSError):
-        rows = pd.DataFrame(
-            _vehicles(path, what), columns=["time", "player", "x", "y", "angle", "speed"]
+        rows = pd.DataFrame(_rows(data, what), columns=list(COLUMNS))
+    if rows.empty:
+        raise UserError(f"{path} has no vehicles")
+    nowhere = rows["x"].isna() | rows["y"].isna() | (rows["x"] == _NOWHERE)
+    table = rows[~nowhere].reset_index(drop=True)
+    ahead = table["length"].fillna(LENGTH) / 2
+    table = centred(table, table["heading"].fillna(travel(table)), ahead)
+    notes = [f"left out, without a position: {nowhere.sum()} rows"] if nowhere.any() else []
+    if table["length"].isna().any():
+        notes.append(
+            f"SUMO gives positions of front bumpers; cars are assumed to be {LENGTH:g} m long"
         )
-    heading = np.deg2rad(90 - rows["angle"])
-    table = rows.assign(
-        heading=heading,
-        x=rows["x"] - LENGTH / 2 * np.cos(heading),
-        y=rows["y"] - LENGTH / 2 * np.sin(heading),
-    )
-    note = f"SUMO gives positions of front bumpers; cars are assumed to be {LENGTH:g} m long"
-    return Tracks(table[list(COLUMNS)], notes=(note,))
+    return Tracks(table, notes=tuple(notes))
 
 
-def _vehicles(path: Path, what: str) -> Iterator[tuple[float, str, float, float, float, float]]:
-    time = np.nan
-    for event, element in ElementTree.iterparse(path, events=("start", "end")):
+def _rows(data: bytes, what: str) -> Iterator[_Row]:
+    time, root = np.nan, ""
+    for event, element in ElementTree.iterparse(BytesIO(data), events=("start", "end")):
+        if not root:
+            root = element.tag
+            if root != "fcd-export":
+                raise ValueError(f"its root is <{root}>, not <fcd-export>")
         if element.tag == "timestep":
             if event == "start":
                 time = plain_float(element.attrib["time"])
             else:
                 element.clear()
-        elif element.tag == "vehicle" and event == "end":
-            known = element.attrib
-            with bad_input(f"{what}: vehicle {known.get('id')!r} at time {time:g}"):
-                x, y, angle, speed = (
-                    plain_float(known[name]) for name in ("x", "y", "angle", "speed")
-                )
-                yield time, known["id"], x, y, angle, speed
+        elif element.tag in ("vehicle", *_OTHERS) and event == "end":
+            with bad_input(f"{what}: {element.tag} {element.get('id')!r} at time {time:g}"):
+                yield _row(time, element)
+
+
+def _row(time: float, element: ElementTree.Element) -> _Row:
+    """What is known of a vehicle, a person or a container; a person's position is its centre."""
+    known, other = element.attrib, element.tag in _OTHERS
+    x, y, angle, speed, length = (
+        plain_float(known.get(name, "nan")) for name in ("x", "y", "angle", "speed", "length")
+    )
+    kind = element.tag if other else known.get("type", "")
+    return time, known["id"], x, y, np.deg2rad(90 - angle), speed, 0.0 if other else length, kind
 
 
 def read_net(path: Path) -> Road:
-    """Read the lanes for cars, including those inside junctions, and their successors."""
-    check_input("road file", path, MOST_MAP_BYTES)
+    """Read the lanes for cars, including those inside junctions, and their successors.
+
+    A lane that cannot be read, such as one of no length, is left out.
+    """
+    data = read_bytes("road file", path, MOST_MAP_BYTES)
     with bad_input(f"{path} is not a SUMO network", OSError):
-        net = ElementTree.parse(path).getroot()
+        net = ElementTree.fromstring(data)
         if net.tag != "net":
             raise UserError(f"{path} is not a SUMO network: its root is <{net.tag}>, not <net>")
         following = _following(net)
         lanes = {
-            lane.attrib["id"]: _road_lane(path, lane, following.get(lane.attrib["id"], ()))
+            lane.attrib["id"]: lane
             for edge in net.iter("edge")
             if edge.get("function") not in ("crossing", "walkingarea")
             for lane in edge.findall("lane")
             if _is_for_cars(lane)
         }
-        return Road(lanes)
+        road = read_lanes(
+            {name: following.get(name, []) for name in lanes}, lambda name: _lane(lanes[name])
+        )
+        if road.notes and not road.lanes:
+            raise ValueError(road.notes[0].removeprefix("left out: "))
+        return road
 
 
-def _road_lane(path: Path, lane: ElementTree.Element, following: Sequence[str]) -> RoadLane:
-    with bad_input(f"{path} is not a SUMO network: lane {lane.attrib['id']!r}"):
-        points = [
-            [plain_float(value) for value in point.split(",")[:2]]
-            for point in lane.attrib["shape"].split()
-        ]
-        width = plain_float(lane.get("width", str(WIDTH)))
-        return RoadLane(curves_through(points), width, tuple(following))
+def _lane(lane: ElementTree.Element) -> RoadLane:
+    points = [
+        [plain_float(value) for value in point.split(",")[:2]]
+        for point in lane.attrib["shape"].split()
+    ]
+    return RoadLane(curves_through(points), plain_float(lane.get("width", str(WIDTH))))
 
 
 def _following(net: ElementTree.Element) -> dict[str, list[str]]:

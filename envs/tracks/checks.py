@@ -15,10 +15,13 @@ SHORTEST_STEP = 1e-4  # [s]; below it, times are not in seconds
 MOST_STEPS = 100_000  # of a recording: hours of video
 LATEST = 1e13  # [s]; times beyond it cannot be told apart
 LARGEST_HEADING = 8 * np.pi  # [rad], four full turns; above it, headings are in degrees
-STEP_TOLERANCE = 0.05  # as a share of a step, for times that were rounded when written
+STEP_TOLERANCE = 0.05  # as a share of a step, for clocks that are not exact
+_EXACT = 1e-6  # [s], tolerance of computed times
+_MOST_DIGITS, _WHOLE = 6, 1e-3  # of times that were rounded; tolerance of a whole number
 UNIT_FACTOR = 2.0  # largest ratio of speeds to displacements; miles per hour differ by 2.2
 UNIT_WINDOW = 1.0  # [s] for displacements; noise would dominate shorter ones
 DRIVING = 1.0  # [m/s] above which headings must agree with the direction of motion
+DEGREES = 2e-3  # [1/s], more than the change of a longitude or a latitude of cars
 STANDSTILL = 0.05  # [m/s] below which speeds and displacements are not compared
 
 
@@ -59,11 +62,21 @@ def check_times(path: Path, table: pd.DataFrame) -> None:
 
 
 def check_steps(path: Path, times: np.ndarray) -> None:
-    """Refuse times (T,) that are too few, not on a grid or not in seconds."""
+    """Refuse times (T,) of a recording that are too few, not on a grid or not in seconds."""
+    usual = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    steps = count_steps(path, times, usual)
+    if (np.diff(steps) < 1).any():
+        raise unequal_steps(path, times, usual)
+
+
+def count_steps(path: Path, times: np.ndarray, usual: float) -> np.ndarray:
+    """The number of steps (T,) before each of rising times (T,), if a step is ``usual`` [s].
+
+    Times may differ from a grid as they do where they were rounded, or by ``STEP_TOLERANCE``.
+    UserError if they are too few, not on a grid, or not in seconds.
+    """
     if len(times) < FEWEST_STEPS:
         raise UserError(f"{path} has {len(times)} times, expected at least {FEWEST_STEPS}")
-    steps = np.diff(times)
-    usual = float(np.median(steps))
     for wrong, side, limit in (
         (usual < SHORTEST_STEP, "below", SHORTEST_STEP),
         (usual > LONGEST_STEP, "above", LONGEST_STEP),
@@ -72,13 +85,40 @@ def check_steps(path: Path, times: np.ndarray) -> None:
             raise UserError(
                 f"{path}: time steps of {usual:g}, {side} {limit:g} s; expected time in seconds"
             )
-    unequal = np.abs(steps / usual - np.round(steps / usual).clip(1)) > STEP_TOLERANCE
-    if unequal.any():
-        k = int(unequal.argmax())
-        raise UserError(
-            f"{path}: unequal time steps: {steps[k]:g} s after time {times[k]:g}, "
-            f"mostly {usual:g} s; --resample {usual:g} makes them equal"
-        )
+    span = float(times[-1] - times[0])
+    check_number_of_steps(path, span, usual)
+    steps = np.zeros(len(times), dtype=int)
+    steps[1:] = np.cumsum(np.round(np.diff(times) / usual))
+    step = span / max(steps[-1], 1)
+    if (np.abs(times - times[0] - step * steps) > _tolerance(times, step)).any():
+        raise unequal_steps(path, times, usual)
+    return steps
+
+
+def _tolerance(times: np.ndarray, step: float) -> float:
+    """By how much times may differ from a grid whose ends are the first and the last of them."""
+    unit = resolution(times)
+    rounded = unit > 0 and abs(step / unit - round(step / unit)) > STEP_TOLERANCE
+    return max(STEP_TOLERANCE * step, unit if rounded else 0.0) + _EXACT
+
+
+def resolution(times: np.ndarray) -> float:
+    """The power of ten [s] to which times are rounded; 0 if they are not."""
+    for digits in range(_MOST_DIGITS + 1):
+        scaled = times * 10.0**digits
+        if (np.abs(scaled - np.round(scaled)) < _WHOLE).all():
+            return float(10.0**-digits)
+    return 0.0
+
+
+def unequal_steps(path: Path, times: np.ndarray, usual: float) -> UserError:
+    """What to say of times (T,) that are not on a grid."""
+    steps = np.diff(times)
+    k = int(np.abs(steps / usual - np.round(steps / usual).clip(1)).argmax())
+    return UserError(
+        f"{path}: unequal time steps: {steps[k]:g} s after time {times[k]:g}, mostly {usual:g} s; "
+        f"--resample {usual:g} makes them equal"
+    )
 
 
 def check_number_of_steps(path: Path, seconds: float, step: float) -> None:
@@ -112,6 +152,7 @@ def check_units(path: Path, states: np.ndarray, dt: float, players: list[str]) -
     off = states[:-window, :, 2] - np.arctan2(steps[..., 1], steps[..., 0])
     agreement = np.cos(off) * np.where(states[:-window, :, 3] < 0, -1, 1)
     agreement[~(from_positions > DRIVING)] = np.nan
+    _check_metres(path, states, from_positions)
     for i, player in enumerate(players):
         who = f"{path}: player {player!r}"
         speeds = np.abs(states[:, i, 3])
@@ -123,6 +164,20 @@ def check_units(path: Path, states: np.ndarray, dt: float, players: list[str]) -
                 "radians, from the x axis towards the y axis"
             )
         _check_speeds(who, speeds, from_positions[:, i])
+
+
+def _check_metres(path: Path, states: np.ndarray, from_positions: np.ndarray) -> None:
+    """Refuse positions that change steadily, or while cars drive, but by hardly anything."""
+    fastest = float(np.nanmax(from_positions, initial=0.0))
+    steps = np.diff(states[..., :2], axis=0)
+    straight = np.linalg.norm(np.nansum(steps, axis=0), axis=-1)
+    along = np.nansum(np.linalg.norm(steps, axis=-1), axis=0)
+    driven = (straight > along / 2).any() or np.nanmax(np.abs(states[..., 3]), initial=0) > DRIVING
+    if 0 < fastest < DEGREES and driven:
+        raise UserError(
+            f"{path}: x and y change by at most {fastest:.2g} per second; expected metres, are "
+            "these degrees?"
+        )
 
 
 def _check_sizes(

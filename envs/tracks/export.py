@@ -9,11 +9,11 @@ import numpy as np
 import pandas as pd
 
 from olne_bench.envs.recordings.recording_file import RecordingFile
-from olne_bench.envs.track_formats.commonroad import commonroad_io
 from olne_bench.envs.tracks.grid import Motion
 from olne_bench.envs.tracks.road import Road, RoadLane
 from olne_bench.envs.tracks.road_file import RoadFile
 from olne_bench.envs.tracks.table import STATE_NAMES
+from olne_bench.errors import UserError
 from olne_bench.files import whole_file
 
 CAR_LENGTH, CAR_WIDTH = 5.0, 2.0  # [m], HighwayEnv's
@@ -61,8 +61,12 @@ def write_commonroad(path: Path, episode: Episode) -> dict[str, str]:
 
     Returns the obstacles' numbers, by name of the player.
     """
-    commonroad_io()
-    from commonroad.common.file_writer import CommonRoadFileWriter, OverwriteExistingFile
+    try:
+        from commonroad.common.file_writer import CommonRoadFileWriter, OverwriteExistingFile
+    except ImportError as error:
+        raise UserError(
+            "writing CommonRoad files needs commonroad-io: pip install 'olne-bench[commonroad]'"
+        ) from error
     from commonroad.common.util import FileFormat
     from commonroad.planning.planning_problem import PlanningProblemSet
     from commonroad.scenario.scenario import Scenario, ScenarioID

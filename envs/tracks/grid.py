@@ -8,18 +8,21 @@ import pandas as pd
 
 from olne_bench.envs.tracks.checks import (
     FEWEST_STEPS,
-    STEP_TOLERANCE,
     check_number_of_steps,
-    check_steps,
     check_times,
+    count_steps,
+    resolution,
+    unequal_steps,
 )
-from olne_bench.envs.tracks.table import SLOWEST, STATE_NAMES, listed
-from olne_bench.errors import UserError
+from olne_bench.envs.tracks.table import SLOWEST, STATE_NAMES
+from olne_bench.envs.tracks.text import listed
+from olne_bench.envs.tracks.who import vehicles
+from olne_bench.errors import UserError, bad_input
 
 MOST_PLAYERS = 20  # larger games take hours
 _ROUNDING = 1e-6  # [s], tolerance of computed times
 _BRIDGED = 1.5  # largest gap that is interpolated, in steps of the data
-_SAME = 0.25  # tolerance of times on the data's own grid, as a share of a step
+_NEIGHBOURS = 0.35  # samples whose distance differs by less from the median are neighbours
 _ROUGHNESS_ORDER = 3
 _ROUGHNESS_NORM = 20.0  # 1 + 9 + 9 + 1, squared coefficients of a third difference
 
@@ -77,7 +80,11 @@ def on_grid(path: Path, table: pd.DataFrame, excerpt: Excerpt) -> Grid:
     table = _window(path, table, excerpt.window)
     table, notes = _chosen(path, table, excerpt.players)
     check_times(path, table)
-    times = _times(path, table, excerpt.step)
+    if excerpt.step is None:
+        table, times, more = _on_own_times(path, table)
+        notes += more
+    else:
+        times = _resampled_times(path, table, excerpt.step)
     names = list(excerpt.players) or list(table["player"].unique())
     if len(names) > MOST_PLAYERS:
         raise UserError(
@@ -85,9 +92,8 @@ def on_grid(path: Path, table: pd.DataFrame, excerpt: Excerpt) -> Grid:
             f"--window or --players; there are: {listed(names)}"
         )
     by_player = dict(list(table.groupby("player", sort=False)))
-    own = float((times[-1] - times[0]) / (len(times) - 1))
-    rounding = _ROUNDING if excerpt.step else _SAME * own
-    columns = [_resampled(by_player[name], times, rounding) for name in names]
+    bridged = _BRIDGED if excerpt.step else 0.0
+    columns = [_resampled(by_player[name], times, bridged) for name in names]
     states = np.stack(columns, axis=1)
     seen = np.isfinite(states[..., :2]).all(axis=-1).sum(axis=0)
     notes += [
@@ -113,6 +119,8 @@ def _chosen(
     path: Path, table: pd.DataFrame, players: tuple[str, ...]
 ) -> tuple[pd.DataFrame, list[str]]:
     """Rows of the chosen players, or of all that are seen often enough, and notes."""
+    with bad_input(str(path)):
+        table, notes = (table, []) if players else vehicles(table)
     seen = table[table[["x", "y"]].notna().all(axis=1)].groupby("player", sort=False).size()
     known = list(table["player"].unique())
     for player in players:
@@ -123,26 +131,40 @@ def _chosen(
                 f"--players {player!r}: {path} has no position of this player at these times"
             )
     if players:
-        return table[table["player"].isin(players)], []
+        return table[table["player"].isin(players)], notes
     brief = [name for name in known if seen.get(name, 0) < FEWEST_STEPS]
     if len(brief) == len(known):
-        return table, []  # nothing to choose from; the checks report the problem
-    kept = table[~table["player"].isin(brief)]
-    return kept, [
-        f"left out, seen less than {FEWEST_STEPS} times: {listed(brief)}"
-    ] if brief else []
+        return table, notes  # nothing to choose from; the checks report the problem
+    if brief:
+        notes.append(f"left out, seen less than {FEWEST_STEPS} times: {listed(brief)}")
+    return table[~table["player"].isin(brief)], notes
 
 
-def _times(path: Path, table: pd.DataFrame, step: float | None) -> np.ndarray:
+def _on_own_times(path: Path, table: pd.DataFrame) -> tuple[pd.DataFrame, np.ndarray, list[str]]:
+    """The table with the times of a grid, the grid, and a note if times were not on it."""
+    known, places = np.unique(table["time"], return_inverse=True)
+    usual = _usual_step(table)
+    steps = count_steps(path, known, usual)
+    times = np.linspace(known[0], known[-1], steps[-1] + 1)
+    table = table.assign(time=times[steps][places])
+    if table.duplicated(["player", "time"]).any():
+        raise unequal_steps(path, known, usual)
+    off = float(np.abs(known - times[steps]).max())
+    if off <= max(resolution(known), _ROUNDING):
+        return table, times, []
+    step = (times[-1] - times[0]) / steps[-1]
+    return (
+        table,
+        times,
+        [
+            f"times differ by up to {off:.2g} s from steps of {step:.6g} s; a sample counts at the "
+            "nearest step"
+        ],
+    )
+
+
+def _resampled_times(path: Path, table: pd.DataFrame, step: float) -> np.ndarray:
     known = np.unique(table["time"])
-    if step is None:
-        rounding = STEP_TOLERANCE * _usual_step(table)
-        known = known[np.diff(known, prepend=-np.inf) > rounding]  # no times that rounding made
-        check_steps(path, known)
-        usual = float(np.median(np.diff(known)))
-        check_number_of_steps(path, known[-1] - known[0], usual)
-        count = round((known[-1] - known[0]) / usual)
-        return np.linspace(known[0], known[-1], count + 1)
     if len(known):
         check_number_of_steps(path, known[-1] - known[0], step)
     count = int(np.floor((known[-1] - known[0]) / step + _ROUNDING)) if len(known) else 0
@@ -155,13 +177,17 @@ def _times(path: Path, table: pd.DataFrame, step: float | None) -> np.ndarray:
 
 
 def _usual_step(table: pd.DataFrame) -> float:
-    """The median time between two samples of a player [s]; 0 if nobody has two."""
-    steps = table.sort_values("time").groupby("player")["time"].diff()
-    return float(steps.median()) if steps.notna().any() else 0.0
+    """The mean time between two neighbouring samples of a player [s]; 0 if nobody has two.
+
+    Not the median: times that were rounded would make it wrong.
+    """
+    steps = table.sort_values("time").groupby("player")["time"].diff().dropna()
+    steps = steps[np.abs(steps / steps.median() - 1) < _NEIGHBOURS]
+    return float(steps.mean()) if len(steps) else 0.0
 
 
-def _resampled(rows: pd.DataFrame, times: np.ndarray, rounding: float) -> np.ndarray:
-    """States (T, 4) at times, interpolated linearly between samples; NaN within gaps."""
+def _resampled(rows: pd.DataFrame, times: np.ndarray, bridged: float) -> np.ndarray:
+    """States (T, 4) at times, interpolated over gaps of up to ``bridged`` steps; else NaN."""
     result = np.full((len(times), len(STATE_NAMES)), np.nan)
     rows = rows.sort_values("time")
     every = np.diff(rows["time"].to_numpy())
@@ -173,18 +199,16 @@ def _resampled(rows: pd.DataFrame, times: np.ndarray, rounding: float) -> np.nda
         at, values = seen["time"].to_numpy(), seen[name].to_numpy()
         if name == "heading":
             values = np.unwrap(values)
-        result[:, k] = _between(at, values, times, _BRIDGED * usual, rounding)
+        result[:, k] = _between(at, values, times, bridged * usual)
     return result
 
 
-def _between(
-    at: np.ndarray, values: np.ndarray, times: np.ndarray, bridged: float, rounding: float
-) -> np.ndarray:
+def _between(at: np.ndarray, values: np.ndarray, times: np.ndarray, bridged: float) -> np.ndarray:
     """Values at times; a sample also counts for times that differ from its own by rounding."""
     after = np.searchsorted(at, times).clip(0, len(at) - 1)
     before = (after - 1).clip(0)
     nearest = np.where(np.abs(at[after] - times) <= np.abs(at[before] - times), after, before)
-    same = np.abs(at[nearest] - times) <= rounding
+    same = np.abs(at[nearest] - times) <= _ROUNDING
     inside = (at[before] <= times) & (times <= at[after]) & (at[after] - at[before] <= bridged)
     straight = np.interp(times, at, values)
     return np.where(same, values[nearest], np.where(inside, straight, np.nan))

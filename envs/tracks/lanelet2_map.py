@@ -1,16 +1,25 @@
-"""Lanes of a lanelet2 map (``.osm``), as INTERACTION, inD and rounD have them."""
+"""Lanes of a lanelet2 map (``.osm``, ``.osm_xy``), as INTERACTION, inD and rounD have them."""
 
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
 from scipy.spatial import KDTree
 
-from olne_bench.envs.tracks.road import FARTHEST, MOST_MAP_BYTES, Road, RoadLane, curves_through
+from olne_bench.envs.tracks.road import (
+    FARTHEST,
+    MOST_MAP_BYTES,
+    Road,
+    RoadLane,
+    curves_through,
+    left_out,
+    read_lanes,
+)
 from olne_bench.envs.tracks.table import plain_float
+from olne_bench.envs.tracks.text import read_bytes
 from olne_bench.errors import UserError, bad_input
-from olne_bench.files import check_input
 
 FOR_CARS = ("road", "highway")  # subtypes; a lanelet without one is a road
 MEET = 0.05  # [m], largest distance between the ends of two borders that meet
@@ -20,26 +29,32 @@ _Borders = tuple[np.ndarray, np.ndarray]
 
 
 def read_lanelets(path: Path, origin: tuple[float, float] | None = None) -> Road:
-    """Read the lanelets for cars and their successors; a two-way lanelet becomes two lanes.
+    """Read the lanelets for cars that can be read, and their successors.
 
-    ``origin`` is UTM east and north [m] of (0, 0) in the tracks; by default the point at latitude 0
-    and longitude 0, as in INTERACTION. It is unused if all nodes of borders have the tags
-    ``local_x`` and ``local_y``.
+    A two-way lanelet becomes two lanes. ``origin`` is UTM east and north [m] of (0, 0) in the
+    tracks; by default the point at latitude 0 and longitude 0, as in INTERACTION. It is unused if
+    nodes have ``x`` and ``y``, or all nodes of borders have the tags ``local_x`` and ``local_y``.
     """
-    check_input("road file", path, MOST_MAP_BYTES)
+    data = read_bytes("road file", path, MOST_MAP_BYTES)
     with bad_input(f"{path} is not a lanelet2 map", OSError):
-        root = ElementTree.parse(path).getroot()
+        root = ElementTree.fromstring(data)
         if root.tag != "osm":
             raise ValueError(f"its root is <{root.tag}>, not <osm>")
-        borders = _borders(root, origin)
-        following = _following(borders)
-        return Road(
-            {name: _lane(path, name, pair, following[name]) for name, pair in borders.items()}
-        )
+        borders, wrong = _borders(root, origin)
+        road = read_lanes(_following(borders) if borders else {}, lambda name: _lane(borders[name]))
+        notes = (*left_out(wrong), *road.notes)
+        if not road.lanes:
+            raise ValueError(notes[0].removeprefix("left out: "))
+        return replace(road, notes=notes)
 
 
-def _borders(root: ElementTree.Element, origin: tuple[float, float] | None) -> dict[str, _Borders]:
-    """Points of the left and the right border of each lane, in driving direction."""
+def _borders(
+    root: ElementTree.Element, origin: tuple[float, float] | None
+) -> tuple[dict[str, _Borders], list[str]]:
+    """Points of the left and the right border of each lane, in driving direction.
+
+    And what is wrong with lanelets that have none.
+    """
     relations = _by_id(root, "relation")
     tags = {name: _tags(relation) for name, relation in relations.items()}
     lanelets = [name for name in relations if tags[name].get("type") == "lanelet"]
@@ -47,19 +62,27 @@ def _borders(root: ElementTree.Element, origin: tuple[float, float] | None) -> d
     if not chosen:
         raise ValueError(f"none of its {len(lanelets)} lanelets is for cars")
     nodes, ways = _by_id(root, "node"), _by_id(root, "way")
-    sides = {
-        name: [_side(name, relations[name], side, ways, nodes) for side in ("left", "right")]
-        for name in chosen
-    }
+    sides, wrong = {}, []
+    for name in chosen:
+        try:
+            sides[name] = [
+                _side(name, relations[name], side, ways, nodes) for side in ("left", "right")
+            ]
+        except ValueError as error:
+            wrong.append(str(error))
     used = dict.fromkeys(ref for pair in sides.values() for refs in pair for ref in refs)
-    points = _points({ref: nodes[ref] for ref in used}, origin)
+    points, nowhere = _points({ref: nodes[ref] for ref in used}, origin)
     result: dict[str, _Borders] = {}
     for name, pair in sides.items():
+        lost = [ref for refs in pair for ref in refs if ref in nowhere]
+        if lost:
+            wrong.append(f"lanelet {name}: {nowhere[lost[0]]}")
+            continue
         left, right = _aligned(*(np.array([points[ref] for ref in refs]) for refs in pair))
         result[name] = left, right
         if tags[name].get("one_way") == "no":
             result[f"{name}_back"] = right[::-1], left[::-1]
-    return result
+    return result, wrong
 
 
 def _by_id(root: ElementTree.Element, kind: str) -> dict[str, ElementTree.Element]:
@@ -110,33 +133,36 @@ def _joined(line: list[str], refs: list[str]) -> list[str] | None:
 
 def _points(
     nodes: Mapping[str, ElementTree.Element], origin: tuple[float, float] | None
-) -> dict[str, np.ndarray]:
-    """Positions [m] of nodes in the frame of the tracks."""
-    tags = {ref: _tags(node) for ref, node in nodes.items()}
-    if all({"local_x", "local_y"} <= set(known) for known in tags.values()):
-        places = _pairs(tags, ("local_x", "local_y"))
-    else:
-        degrees = _pairs({ref: node.attrib for ref, node in nodes.items()}, ("lon", "lat"))
-        places = _projected(degrees, origin)
-    return dict(zip(nodes, places, strict=True))
-
-
-def _pairs(values: Mapping[str, Mapping[str, str]], names: tuple[str, str]) -> np.ndarray:
-    """Two numbers of each node (P, 2)."""
-    rows = []
-    for ref, known in values.items():
+) -> tuple[dict[str, np.ndarray], dict[str, str]]:
+    """Positions [m] of nodes in the frame of the tracks, and what is wrong with nodes without."""
+    known = {ref: {**node.attrib, **_tags(node)} for ref, node in nodes.items()}
+    frames = ("x", "y"), ("local_x", "local_y"), ("lon", "lat")
+    names = next(
+        (n for n in frames if all(set(n) <= set(one) for one in known.values())), frames[2]
+    )
+    places, wrong = {}, {}
+    for ref, one in known.items():
         try:
-            row = [plain_float(known[name]) for name in names]
-        except KeyError as error:
-            raise ValueError(f"node {ref} has no {error.args[0]}") from error
-        except ValueError as error:
-            raise ValueError(f"node {ref}: {error}") from error
-        if not (np.abs(row) < FARTHEST).all():
-            raise ValueError(
-                f"node {ref} is at {row[0]:g}, {row[1]:g}, expected numbers below {FARTHEST:g}"
-            )
-        rows.append(row)
-    return np.array(rows)
+            places[ref] = _pair(ref, one, names)
+        except (ValueError, UserError) as error:
+            wrong[ref] = str(error)
+    if places and names == frames[2]:
+        metres = _projected(np.array(list(places.values())), origin)
+        return dict(zip(places, metres, strict=True)), wrong
+    return places, wrong
+
+
+def _pair(ref: str, known: Mapping[str, str], names: tuple[str, str]) -> np.ndarray:
+    absent = [name for name in names if name not in known]
+    if absent:
+        raise ValueError(f"node {ref} has no {absent[0]}")
+    with bad_input(f"node {ref}"):
+        pair = np.array([plain_float(known[name]) for name in names])
+    if not (np.abs(pair) < FARTHEST).all():
+        raise ValueError(
+            f"node {ref} is at {pair[0]:g}, {pair[1]:g}, expected numbers below {FARTHEST:g}"
+        )
+    return pair
 
 
 def _projected(degrees: np.ndarray, origin: tuple[float, float] | None) -> np.ndarray:
@@ -175,15 +201,14 @@ def _area(left: np.ndarray, right: np.ndarray) -> float:
     return float(x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2
 
 
-def _lane(path: Path, name: str, borders: _Borders, following: tuple[str, ...]) -> RoadLane:
-    with bad_input(f"{path} is not a lanelet2 map: lanelet {name}"):
-        fractions, area = [_fractions(border) for border in borders], _area(*borders)
-        at = np.unique(np.round(np.concatenate(fractions), _DIGITS))
-        centre = np.mean([_at(border, at) for border in borders], axis=0)
-        length = np.linalg.norm(np.diff(centre, axis=0), axis=1).sum()
-        if not (length > 0 and area > 0):
-            raise ValueError("it has no area between its borders")
-        return RoadLane(curves_through(centre), float(area / length), following)
+def _lane(borders: _Borders) -> RoadLane:
+    fractions, area = [_fractions(border) for border in borders], _area(*borders)
+    at = np.unique(np.round(np.concatenate(fractions), _DIGITS))
+    centre = np.mean([_at(border, at) for border in borders], axis=0)
+    length = np.linalg.norm(np.diff(centre, axis=0), axis=1).sum()
+    if not (length > 0 and area > 0):
+        raise ValueError("it has no area between its borders")
+    return RoadLane(curves_through(centre), float(area / length))
 
 
 def _fractions(line: np.ndarray) -> np.ndarray:

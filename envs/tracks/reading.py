@@ -18,7 +18,9 @@ from olne_bench.envs.tracks.grid import Excerpt, Frame, Grid, on_grid
 from olne_bench.envs.tracks.lanelet2_map import read_lanelets
 from olne_bench.envs.tracks.road import Road
 from olne_bench.envs.tracks.road_file import RoadFile, lane_entries, read_road_file
-from olne_bench.envs.tracks.table import STATE_NAMES, Tracks, listed
+from olne_bench.envs.tracks.table import STATE_NAMES, Tracks
+from olne_bench.envs.tracks.text import listed, unpacked
+from olne_bench.envs.tracks.who import named, told_apart, unit_doubts
 from olne_bench.errors import UserError, bad_input
 
 #: Lanes of a map that are farther from all players are left out [m].
@@ -52,32 +54,35 @@ def read_tracks(
     """
     with bad_input(f"{path} cannot be read as {format_name}", OSError, TypeError):
         tracks = get_format(format_name).read(path, part)
-    check_table(path, tracks.table)
-    table = (frame or Frame()).apply(tracks.table)
+    with bad_input(str(path)):
+        table, unnamed = named(tracks.table)
+        table, repeated = told_apart(table)
+    check_table(path, table)
+    notes = [*tracks.notes, *unnamed, *repeated, *unit_doubts(table)]
+    table = (frame or Frame()).apply(table)
     grid = on_grid(path, table, excerpt or Excerpt())
     check_positions(path, grid.states, grid.players)
     check_units(path, grid.states, grid.step, grid.players)
-    known, notes = _road(path, road, tracks, grid)
-    return Imported(_recording(grid, known), (*tracks.notes, *grid.notes, *notes))
+    known, more = _road(path, road, tracks, grid)
+    return Imported(_recording(grid, known), (*notes, *grid.notes, *more))
 
 
 def _road(
     path: Path, road: Path | None, tracks: Tracks, grid: Grid
 ) -> tuple[RoadFile | None, list[str]]:
     """Lanes and targets, and notes on where they come from."""
-    beside = path.with_suffix(".toml")
+    beside = unpacked(path).with_suffix(".toml")
     if road is None and beside.is_file():
         road = beside
     if road is None:
-        if tracks.road is None:
-            return None, []
+        if tracks.road is None or not tracks.road.lanes:
+            return None, list(tracks.road.notes) if tracks.road else []
         near = tracks.road.near(_positions(grid), _NEAR)
-        return RoadFile(lanes=lane_entries(near)), [f"lanes: {len(near.lanes)} of the file's map"]
-    if road.suffix.lower() in (".xml", ".osm"):
-        near = _near_part(road, tracks.origin, _positions(grid))
-        return RoadFile(lanes=lane_entries(near)), [f"lanes: {len(near.lanes)} of {road}"]
+        return _of_map(near, "the file's map")
+    if unpacked(road).suffix.lower() in (".xml", ".osm", ".osm_xy"):
+        return _of_map(_near_part(road, tracks.origin, _positions(grid)), str(road))
     if road.suffix.lower() != ".toml":
-        raise UserError(f"--road {road}: the name must end in .toml, .xml or .osm")
+        raise UserError(f"--road {road}: the name must end in .toml, .xml, .osm or .osm_xy")
     known = read_road_file(road)
     for player in known.players:
         if player not in set(tracks.table["player"]):
@@ -94,9 +99,14 @@ def _road(
     return known, [f"lanes and targets: {len(known.lanes)} lanes, {len(players)} players of {road}"]
 
 
+def _of_map(road: Road, name: str) -> tuple[RoadFile, list[str]]:
+    return RoadFile(lanes=lane_entries(road)), [*road.notes, f"lanes: {len(road.lanes)} of {name}"]
+
+
 def _near_part(path: Path, origin: tuple[float, float] | None, positions: np.ndarray) -> Road:
     """The lanes of a map that are near a player; UserError if there are none."""
-    whole = read_net(path) if path.suffix.lower() == ".xml" else read_lanelets(path, origin)
+    is_net = unpacked(path).suffix.lower() == ".xml"
+    whole = read_net(path) if is_net else read_lanelets(path, origin)
     near = whole.near(positions, _NEAR)
     if not near.lanes:
         points = np.concatenate([lane.line for lane in whole.lanes.values()] or [_NOWHERE])

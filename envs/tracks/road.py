@@ -1,11 +1,12 @@
 """Lanes of a road as a map: their geometry, which lane is near a car, and lanes through points."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 
+from olne_bench.errors import MALFORMED, UserError, reason
 from olne_bench.games.model.lanes import ArcLane, Lane, SineLane, StraightLane
 from olne_bench.visible import visible
 
@@ -79,6 +80,7 @@ class Road:
     """Lanes by name."""
 
     lanes: Mapping[str, RoadLane]
+    notes: tuple[str, ...] = field(default=(), compare=False)  # what of a map was left out
 
     def __post_init__(self) -> None:
         """ValueError for names that cannot be shown."""
@@ -86,9 +88,61 @@ class Road:
             check_shown("lane", name)
 
     def near(self, positions: np.ndarray, within: float) -> "Road":
-        """The lanes that pass within ``within`` [m] of any of the positions (S, 2)."""
+        """The lanes that pass within ``within`` [m] of any of the positions (S, 2).
+
+        And those that they lead to.
+        """
         far = {n: locate(lane.line, positions).distance.min() for n, lane in self.lanes.items()}
-        return Road({name: lane for name, lane in self.lanes.items() if far[name] < within})
+        near = {name for name in self.lanes if far[name] < within}
+        ahead = {after for name in near for after in self.lanes[name].following}
+        return Road(
+            {name: lane for name, lane in self.lanes.items() if name in near | ahead}, self.notes
+        )
+
+
+#: What reading a lane raises on one that is wrong.
+NO_LANE: tuple[type[Exception], ...] = (*MALFORMED, AttributeError, TypeError, UserError)
+
+
+def read_lanes(following: Mapping[str, Sequence[str]], lane: Callable[[str], RoadLane]) -> Road:
+    """The lanes of a map, with a note on those that cannot be read.
+
+    ``following`` has the names of all lanes and of those that each leads to; ``lane`` reads one.
+    A lane that leads to one that cannot be read leads to those after it.
+    """
+    lanes, wrong = {}, {}
+    for name in following:
+        try:
+            lanes[name] = lane(name)
+        except NO_LANE as error:
+            wrong[name] = reason(error)
+    lanes = {
+        name: replace(one, following=tuple(_beyond(following, following[name], wrong)))
+        for name, one in lanes.items()
+    }
+    return Road(lanes, left_out([f"lane {name!r}: {why}" for name, why in wrong.items()]))
+
+
+def left_out(wrong: Sequence[str]) -> tuple[str, ...]:
+    """A note on the first of those that are left out, if any are."""
+    more = f", and {len(wrong) - 1} more" if len(wrong) > 1 else ""
+    return (f"left out: {wrong[0]}{more}",) if wrong else ()
+
+
+def _beyond(
+    following: Mapping[str, Sequence[str]], names: Sequence[str], wrong: Mapping[str, str]
+) -> dict[str, None]:
+    """The names, with those after a wrong lane in place of it."""
+    found: dict[str, None] = {}
+    ahead, passed = list(names), set()
+    while ahead:
+        name = ahead.pop(0)
+        if name not in wrong:
+            found[name] = None
+        elif name not in passed:
+            passed.add(name)
+            ahead = [*following.get(name, ()), *ahead]
+    return found
 
 
 @dataclass(frozen=True)

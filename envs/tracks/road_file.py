@@ -42,7 +42,7 @@ from olne_bench.envs.tracks.road import (
     check_shown,
     curves_through,
 )
-from olne_bench.envs.tracks.table import listed
+from olne_bench.envs.tracks.text import listed
 from olne_bench.envs.worlds.layout import player_name
 from olne_bench.errors import UserError, bad_input
 from olne_bench.files import check_input, whole_file

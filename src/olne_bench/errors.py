@@ -34,6 +34,10 @@ def bad_input(what: str, *more: type[Exception]) -> Iterator[None]:
     except UserError:
         raise
     except (*MALFORMED, *more) as error:
-        text = " ".join(str(error).split()) or type(error).__name__
-        reason = f"it has no {text}" if isinstance(error, KeyError) else text
-        raise UserError(f"{what}: {reason}") from error
+        raise UserError(f"{what}: {reason(error)}") from error
+
+
+def reason(error: BaseException) -> str:
+    """What an exception says, on one line."""
+    text = " ".join(str(error).split()) or type(error).__name__
+    return f"it has no {text}" if isinstance(error, KeyError) else text

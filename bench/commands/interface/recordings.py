@@ -55,11 +55,14 @@ def record() -> None:
 @click.option(
     "--road",
     type=PATH,
-    help="TOML file of lanes and targets, SUMO's .net.xml or a lanelet2 map (.osm). Default: the "
-    "TOML file beside TRACKS that has its name, if there is one.",
+    help="TOML file of lanes and targets, SUMO's .net.xml or a lanelet2 map (.osm, .osm_xy). "
+    "Default: the TOML file beside TRACKS that has its name, if there is one.",
 )
 @click.option("--window", type=window, metavar="FROM,TO", help="First and last time [s].")
-@click.option("--players", help="Names, separated by commas. Default: all.")
+@click.option(
+    "--players",
+    help="Names, separated by commas; in quotes if they have commas. Default: all vehicles.",
+)
 @click.option(
     "--resample",
     type=FiniteRange(min=0.001, max=10),

@@ -46,7 +46,7 @@ def test_steps_may_be_whole_multiples_and_rounded() -> None:
     for times, words in (
         ([0.0, 1.0], "has 2 times, expected at least 3"),
         ([0.0, 10.1, 20.2], "time steps of 10.1, above 10 s"),
-        ([0.0, 1.0, 2.06, 3.06, 4.06], "unequal time steps: 1.06 s after time 1, mostly 1 s"),
+        ([0.0, 1.0, 2.13, 3.13, 4.13], "unequal time steps: 1.13 s after time 1, mostly 1 s"),
         ([0.0, 1.0, 2.0, 2.3, 3.3], "unequal time steps: 0.3 s after time 2, mostly 1 s"),
         ([0.0, 1.0, 2.0, 2.02, 3.02], "unequal time steps: 0.02 s after time 2, mostly 1 s"),
         ([0.0, 1.0, 2.0, 4.4, 5.4], "unequal time steps: 2.4 s after time 2, mostly 1 s"),

@@ -1,15 +1,18 @@
 """Recordings as CommonRoad scenarios: motion and lanes come back."""
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from olne_bench.envs.scenarios.roundabout import Roundabout
 from olne_bench.envs.tracks.export import Episode, write_commonroad
 from olne_bench.envs.tracks.reading import read_tracks
 from olne_bench.envs.tracks.road import locate
 from olne_bench.envs.tracks.road_file import highway_road, road_file
+from olne_bench.errors import UserError
 
 NAMES = ["px", "py", "heading", "speed"]
 
@@ -58,3 +61,9 @@ def test_gaps_and_unknown_headings_are_written(tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.isnan(known.states[0][:, 0, 0]), np.isnan(states[:, 0, 0]))
     np.testing.assert_array_equal(known.states[0][:, 1, 2:], 0.0)
     assert known.metadata.episodes[0].road is None
+
+
+def test_what_writing_needs_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "commonroad.common.file_writer", None)
+    with pytest.raises(UserError, match=r"pip install 'olne-bench\[commonroad\]'"):
+        write_commonroad(tmp_path / "road.xml", episode())

@@ -15,6 +15,7 @@ from olne_bench.envs.tracks.grid import (
     on_grid,
     roughness,
 )
+from olne_bench.envs.tracks.table import COLUMNS
 from olne_bench.errors import UserError
 
 PATH = Path("some.csv")
@@ -28,7 +29,8 @@ def track(player: str, times: np.ndarray | list[float], speed: float = 3.0) -> p
 
 
 def grid(*tracks: pd.DataFrame, **excerpt: object) -> Grid:
-    return on_grid(PATH, pd.concat(tracks, ignore_index=True), Excerpt(**excerpt))  # type: ignore[arg-type]
+    table = pd.concat(tracks, ignore_index=True).reindex(columns=list(COLUMNS))
+    return on_grid(PATH, table, Excerpt(**excerpt))  # type: ignore[arg-type]
 
 
 EVERY = 0.1 * np.arange(41)

@@ -218,7 +218,7 @@ BROKEN = {
     "one border": (
         'ref="aright" role',
         'ref="aleft" role',
-        "lanelet a: it has no area between its borders",
+        "lane 'a': it has no area between its borders",
     ),
     "a point": ('v="9.0"', 'v="0.0"', "a border has no length"),
     "no id": ('<way id="aleft"', "<way", "it has no 'id'"),

@@ -93,7 +93,7 @@ def test_a_road_file_beside_the_tracks_is_taken(tmp_path: Path) -> None:
     (tmp_path / "tracks.toml").write_text("[players.green]\n")
     with pytest.raises(UserError, match=r"'green', which is not in .*; there are: red, blue"):
         read_tracks(path)
-    with pytest.raises(UserError, match=r"the name must end in .toml, .xml or .osm"):
+    with pytest.raises(UserError, match=r"the name must end in .toml, .xml, .osm or .osm_xy"):
         read_tracks(path, road=path)
 
 
@@ -159,7 +159,7 @@ REFUSED = {
     "unseen": (two().assign(x=np.nan), "player 'red' has no position at any time"),
     "mph": (changed(FIRST, speed=22.4), "has a mean speed of 22.4, but its positions move at 10"),
     "column": (two().drop(columns=["x", "y"]), "missing columns x, y; it has: time, player"),
-    "nobody": (changed(slice(4, 4), player=""), "line 6: the row has no player"),
+    "nobody": (two().assign(player=""), "none of its rows has a player"),
     "no time": (changed(slice(4, 4), time=np.nan), "line 6: the row has no time"),
     "infinite": (changed(slice(4, 4), x=np.inf), "line 6: x is 'inf', expected a finite number"),
 }

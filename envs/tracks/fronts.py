@@ -1,0 +1,45 @@
+"""Centres of cars from the centres of their fronts."""
+
+import numpy as np
+import pandas as pd
+
+_WINDOW = 1.0  # [s] over which a car's direction of travel is seen
+_LEAST = 1.0  # [m] that it moves meanwhile; less is noise
+_ALONG = np.deg2rad(30)  # largest angle from the x axis of a car that keeps along the road
+
+
+def travel(table: pd.DataFrame) -> pd.Series:
+    """The direction of travel of each row [rad], from its player's positions.
+
+    While a car hardly moves, it is that between the times when it does. NaN if it never does.
+    """
+    found = pd.Series(np.nan, table.index)
+    for _, rows in table.dropna(subset=["time", "x", "y"]).groupby("player", sort=False):
+        rows = rows.sort_values("time")
+        time, places = rows["time"].to_numpy(), rows[["x", "y"]].to_numpy()
+        ahead, behind = (
+            np.column_stack([np.interp(time + lag, time, values) for values in places.T])
+            for lag in (_WINDOW / 2, -_WINDOW / 2)
+        )
+        step = ahead - behind
+        far = np.hypot(*step.T) > min(_LEAST, np.hypot(*np.ptp(places, axis=0)) / 2 or np.inf)
+        if far.any():
+            angles = np.unwrap(np.arctan2(step[far, 1], step[far, 0]))
+            found[rows.index] = np.interp(time, time[far], angles)
+    return found
+
+
+def along_road(headings: pd.Series, players: pd.Series) -> pd.Series:
+    """Headings, exactly those of the x axis or against it for players who keep to it throughout."""
+    off = np.arcsin(np.abs(np.sin(headings)))
+    keeps = off.groupby(players).transform("max") < _ALONG
+    return headings.mask(keeps, np.where(np.cos(headings) < 0, np.pi, 0.0))
+
+
+def centred(table: pd.DataFrame, headings: pd.Series, ahead: pd.Series) -> pd.DataFrame:
+    """The table with positions moved back by ``ahead`` [m]; an unknown heading is 0."""
+    known = headings.fillna(0.0)
+    return table.assign(
+        x=table["x"] - ahead * np.cos(known),
+        y=table["y"] - ahead * np.sin(known),
+    )
