@@ -28,7 +28,7 @@ from olne_bench.envs.tracks.table import (
     no_parts,
     plain_float,
 )
-from olne_bench.envs.tracks.text import listed, read_bytes
+from olne_bench.envs.tracks.text import listed, read_xml
 from olne_bench.errors import UserError, bad_input
 
 DESCRIPTION = "CommonRoad scenarios (XML); lanes from their lanelets"
@@ -40,11 +40,8 @@ _Row = tuple[float, str, float, float, float, float, float, str, float]
 def read(path: Path, part: str | None) -> Tracks:
     """Read the obstacles that have a trajectory; see ``track_formats``."""
     no_parts(part)
-    data = read_bytes("tracks file", path, MOST_MAP_BYTES)
     with bad_input(f"{path} is not a CommonRoad scenario in XML", OSError):
-        root = ElementTree.fromstring(data)
-        if root.tag != "commonRoad":
-            raise ValueError(f"its root is <{root.tag}>, not <commonRoad>")
+        root = read_xml("tracks file", path, MOST_MAP_BYTES, "commonRoad")
         dt = plain_float(root.attrib["timeStepSize"])
         left_out: dict[str, list[str]] = {}
         rows = [row for obstacle in root for row in _rows(obstacle, dt, left_out)]

@@ -21,7 +21,7 @@ from olne_bench.envs.tracks.road import (
     read_lanes,
 )
 from olne_bench.envs.tracks.table import COLUMNS, Tracks, no_parts, plain_float
-from olne_bench.envs.tracks.text import MOST_BYTES, read_bytes
+from olne_bench.envs.tracks.text import MOST_BYTES, read_bytes, read_xml
 from olne_bench.errors import UserError, bad_input
 
 DESCRIPTION = "SUMO: XML of --fcd-output; lanes from its network by --road FILE.net.xml"
@@ -85,11 +85,8 @@ def read_net(path: Path) -> Road:
 
     A lane that cannot be read, such as one of no length, is left out.
     """
-    data = read_bytes("road file", path, MOST_MAP_BYTES)
     with bad_input(f"{path} is not a SUMO network", OSError):
-        net = ElementTree.fromstring(data)
-        if net.tag != "net":
-            raise UserError(f"{path} is not a SUMO network: its root is <{net.tag}>, not <net>")
+        net = read_xml("road file", path, MOST_MAP_BYTES, "net")
         following = _following(net)
         lanes = {
             lane.attrib["id"]: lane

@@ -18,7 +18,7 @@ from olne_bench.envs.tracks.road import (
     read_lanes,
 )
 from olne_bench.envs.tracks.table import plain_float
-from olne_bench.envs.tracks.text import read_bytes
+from olne_bench.envs.tracks.text import read_xml
 from olne_bench.errors import UserError, bad_input
 
 FOR_CARS = ("road", "highway")  # subtypes; a lanelet without one is a road
@@ -35,11 +35,8 @@ def read_lanelets(path: Path, origin: tuple[float, float] | None = None) -> Road
     tracks; by default the point at latitude 0 and longitude 0, as in INTERACTION. It is unused if
     nodes have ``x`` and ``y``, or all nodes of borders have the tags ``local_x`` and ``local_y``.
     """
-    data = read_bytes("road file", path, MOST_MAP_BYTES)
     with bad_input(f"{path} is not a lanelet2 map", OSError):
-        root = ElementTree.fromstring(data)
-        if root.tag != "osm":
-            raise ValueError(f"its root is <{root.tag}>, not <osm>")
+        root = read_xml("road file", path, MOST_MAP_BYTES, "osm")
         borders, wrong = _borders(root, origin)
         road = read_lanes(_following(borders) if borders else {}, lambda name: _lane(borders[name]))
         notes = (*left_out(wrong), *road.notes)

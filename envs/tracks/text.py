@@ -6,8 +6,9 @@ import gzip
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from io import StringIO
+from io import BytesIO, StringIO
 from pathlib import Path
+from xml.etree import ElementTree
 from zipfile import ZipFile
 
 import pandas as pd
@@ -53,6 +54,14 @@ def read_bytes(kind: str, path: Path, most: int) -> bytes:
     if len(data) > most:
         raise UserError(f"{kind} {path} has more than {most} bytes unpacked, no more are read")
     return data
+
+
+def read_xml(kind: str, path: Path, most: int, root: str) -> ElementTree.Element:
+    """The root of an XML file; ValueError if it has another name, and what parsers raise."""
+    found = ElementTree.parse(BytesIO(read_bytes(kind, path, most))).getroot()
+    if found.tag != root:
+        raise ValueError(f"its root is <{found.tag}>, not <{root}>")
+    return found
 
 
 def _only_one(path: Path, archive: ZipFile, most: int) -> bytes:
