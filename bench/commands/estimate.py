@@ -1,11 +1,16 @@
 """``olne-bench estimate``: run an estimator on a recording, whose true weights may be unknown."""
 
-from collections.abc import Sequence
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
+from threading import Event, Thread
 
 import click
 import numpy as np
 import pandas as pd
+from tqdm import tqdm
 
 from olne_bench.bench.commands.recordings import read_episode
 from olne_bench.bench.judge.estimate_check import check_estimate
@@ -31,6 +36,11 @@ LEAST_NOISE = 1e-6
 TOLD = "--noise"  # source of a noise level that the user gave
 NOISE_SPREAD = 1.5  # of log sigma around the roughness of tracks, which smoothing takes away
 MOST_STEPS = 400  # longer games are not solved within minutes
+SET_UP = 600.0  # [s] in which an estimator is compiled, apart from its budget
+REHEARSAL = 1e-3  # [s], budget of an estimate that is made to have all compiled
+#: Shares of the budget: after the first an estimator is stopped, the second is left for intervals.
+OVERTIME, LEAST = 1.25, 0.2
+HINT = "; give a longer --budget, or import fewer --players, a shorter --window or --resample"
 
 
 def estimate(
@@ -63,13 +73,16 @@ def estimate(
     for warning in explained.warnings:
         click.echo(f"warning: {one_line(warning)}", err=True)
 
-    result = _estimate(estimator, problem, Observation(y), budget)
+    result, seconds = _estimate(estimator, problem, Observation(y), budget)
     fit = Fit(problem, y, result)
     table = _table(players, game.weight_names, fit)
     found = "estimated" if "sigma" in result.extras else "from the roughness of the tracks"
     _say_result(table, players, fit, TOLD if noise else found)
-    if out is not None:
-        write_csv(table, out, new=True)
+    try:
+        _find_intervals(table, fit, max(budget - seconds, LEAST * budget))
+    finally:  # an interrupt leaves the weights
+        if out is not None:
+            write_csv(table, out, new=True)
 
 
 def _named(path: Path, scenario: str | None) -> str:
@@ -120,9 +133,6 @@ def _table(players: list[str], names: Sequence[str], fit: Fit) -> pd.DataFrame:
     errors = fit.standard_errors
     if errors is not None:
         table[[f"{name}_error" for name in names]] = errors
-    if fit.intervals is not None:
-        for k, name in enumerate(names):
-            table[[f"{name}_low", f"{name}_high"]] = fit.intervals[:, k]
     return table
 
 
@@ -135,8 +145,6 @@ def _say_result(table: pd.DataFrame, players: list[str], fit: Fit, source: str) 
         shown[name] = text
     click.echo("weights" + (" ± standard error:" if "±" in shown.to_string() else ":"))
     click.echo(shown.to_string(index=False))
-    if fit.intervals is not None:
-        _say_intervals(table, fit)
     noise = f"noise {fit.problem.sigma:.2g} m ({source})"
     if fit.residual is None:
         click.echo(f"the estimator gives no motion to compare; {noise}")
@@ -170,15 +178,25 @@ def _say_doubts(players: list[str], fit: Fit, source: str) -> None:
         click.echo(f"note: {fit.result.message}", err=True)
 
 
-def _say_intervals(table: pd.DataFrame, fit: Fit) -> None:
+def _find_intervals(table: pd.DataFrame, fit: Fit, seconds: float) -> None:
+    """Add intervals to the table of weights, as far as they are found in time, and say them."""
+    with _stage("intervals", seconds):
+        intervals = fit.intervals(time.monotonic() + seconds)
+    if intervals is None:
+        return
     shown = table[["player"]].copy()
-    for name in fit.problem.weight_names:
+    for k, name in enumerate(fit.problem.weight_names):
+        table[[f"{name}_low", f"{name}_high"]] = intervals[:, k]
         low, high = (table[f"{name}_{end}"].map(_shown_end) for end in ("low", "high"))
         shown[name] = low + " to " + high
     click.echo("95 % intervals:")
     click.echo(shown.to_string(index=False))
-    if np.isnan(fit.intervals).any():  # type: ignore[arg-type]
-        click.echo("?: the game cannot be followed far enough to find this end", err=True)
+    if np.isnan(intervals).any():
+        click.echo(
+            f"?: not found within {seconds:.3g} s, or the game cannot be followed so far; a longer "
+            "--budget finds more",
+            err=True,
+        )
 
 
 def _shown_end(value: float) -> str:
@@ -200,9 +218,29 @@ def _observation(game: Game, names: list[str], states: np.ndarray) -> tuple[View
     return ComponentView("recorded", components), states[..., known]
 
 
+@contextmanager
+def _stage(what: str, seconds: float) -> Iterator[None]:
+    """Say what is done, for how long already, and at the end for how long it was done [s]."""
+    began, done = time.monotonic(), Event()
+    shown = f"{what}: {{elapsed}}, at most {seconds:.3g} s"
+    with tqdm(bar_format=shown, disable=None, leave=False) as bar:  # terminals only
+
+        def tick() -> None:
+            while not done.wait(1):
+                bar.refresh()
+
+        Thread(target=tick, daemon=True).start()
+        try:
+            yield
+        finally:
+            done.set()
+    click.echo(f"{what}: {time.monotonic() - began:.1f} s", err=True)
+
+
 def _estimate(
     reference: str, problem: Problem, observation: Observation, budget: float
-) -> Estimate:
+) -> tuple[Estimate, float]:
+    """The estimate, and the time that it took without compilation [s]."""
     (found,) = describe_all([(ESTIMATOR, reference, {})])
     if found.error:
         raise UserError(found.error)
@@ -215,16 +253,28 @@ def _estimate(
         problem=problem,
         observations=(observation,),
         seed=0,
-        time_limit=budget,
+        time_limit=max(OVERTIME * budget, budget + 1),
+        budget=budget,
+        set_up_limit=SET_UP,
     )
     try:
-        answer = player.estimate(task)
+        if not task.plugin:
+            _compile(player, task)
+        with _stage("estimate", budget):
+            answer = player.estimate(task)
         if answer.estimate is None:
             raise UserError(
                 f"estimator {reference!r} does not take this recording: {answer.declined}"
             )
-        return check_estimate(answer.estimate, problem)
+        return check_estimate(answer.estimate, problem), answer.seconds
     except (PlayerFault, InvalidEstimateError) as error:
-        raise UserError(f"estimator {reference!r}: {error}") from error
+        late = isinstance(error, PlayerFault) and error.status == "timeout"
+        raise UserError(f"estimator {reference!r}: {error}{HINT if late else ''}") from error
     finally:
         player.stop()
+
+
+def _compile(player: PlayerProcess, task: PlayerTask) -> None:
+    """Have all that an estimate needs compiled, by one that ends at once."""
+    with _stage("compilation", SET_UP), suppress(PlayerFault):  # the estimate will tell
+        player.estimate(replace(task, time_limit=SET_UP, budget=REHEARSAL))

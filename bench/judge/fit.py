@@ -84,14 +84,13 @@ class Fit:
         errors = excess * np.sqrt(np.diag(covariance).clip(0))
         return np.asarray(errors.reshape(self.result.weights.shape))
 
-    @cached_property
-    def intervals(self) -> np.ndarray | None:
+    def intervals(self, deadline: float = np.inf) -> np.ndarray | None:
         """(N, K, 2) ends of 95 % intervals of the weights, from what the estimator claims.
 
         From samples they are quantiles, from a covariance normal ones, and for a likelihood region
         the referee's own profile (``estimators.shared.profile_intervals``): NaN where an end is not
-        found. None if the estimator claims nothing. As for standard errors, a residual above the
-        noise level is used in its place.
+        found by the deadline, in seconds of ``time.monotonic``. None if the estimator claims
+        nothing. As for standard errors, a residual above the noise level is used in its place.
         """
         result, errors = self.result, self.standard_errors
         if result.region == SAMPLES and result.samples is not None:
@@ -99,12 +98,12 @@ class Fit:
         if result.region is None or errors is None or not result.converged:
             return None
         if result.region == LIKELIHOOD and result.states is not None:
-            return self._profiled(errors)
+            return self._profiled(errors, deadline)
         reach = ndtri(_TAILS[1]) * errors
         ends = np.stack([result.weights - reach, result.weights + reach], axis=-1)
         return np.asarray(ends.clip(0, 1))
 
-    def _profiled(self, errors: np.ndarray) -> np.ndarray | None:
+    def _profiled(self, errors: np.ndarray, deadline: float) -> np.ndarray | None:
         states = self.result.states
         assert states is not None, "the caller has checked"
         game = self.problem.game
@@ -113,7 +112,7 @@ class Fit:
             return None
         level = max(self.problem.sigma, self.residual or 0.0)
         problem, seen = with_white_noise(replace(self.problem, sigma=level), Observation(self.y))
-        return profile_intervals(problem, seen, [known], errors)
+        return profile_intervals(problem, seen, [known], errors, deadline=deadline)
 
     @property
     def unexplained(self) -> list[int]:

@@ -38,6 +38,7 @@ class PlayerTask:
         lag: number of latest samples that count then; None for all.
         budget: time [s] that an estimate after a sample is told to keep to; None for a share of the
             time limit.
+        set_up_limit: time [s] for set-up; None for the time limit.
     """
 
     reference: str
@@ -50,6 +51,7 @@ class PlayerTask:
     observations: tuple[Observation, ...] = ()
     lag: int | None = None
     budget: float | None = None
+    set_up_limit: float | None = None
 
     @classmethod
     def of(cls, trial: Trial, problem: Problem, seed: int, **more: Any) -> "PlayerTask":

@@ -101,9 +101,11 @@ class PlayerProcess:
 
     def _prepare(self, task: PlayerTask) -> str | None:
         """Why the estimator declines the problem; None if it does not."""
-        self._limit = task.time_limit
+        self._limit = task.time_limit if task.set_up_limit is None else task.set_up_limit
         self._budget = BUDGET * task.time_limit if task.budget is None else task.budget
-        return self._asked("set-up", player.prepare, *told(task)).declined
+        declined = self._asked("set-up", player.prepare, *told(task)).declined
+        self._limit = task.time_limit
+        return declined
 
     def _answer(self, stage: str, function: Callable[..., Said], seen: Any) -> Answer:
         began = time.perf_counter()

@@ -244,6 +244,7 @@ def least_error_in(
     observations: tuple[Observation, ...],
     games: tuple[SolvedGame, ...],
     chart: Chart,
+    deadline: float = np.inf,
 ) -> tuple[float, tuple[SolvedGame, ...]] | None:
     """The least squared error among weights of a chart, near some games, and the games there.
 
@@ -252,11 +253,12 @@ def least_error_in(
         observations: one for each trajectory.
         games: a game of each at the same weights, from which the search starts.
         chart: its coordinates are fitted.
+        deadline: the search ends by then, in seconds of ``time.monotonic``.
 
     Returns:
         None if the search fails.
     """
-    residuals = OuterResiduals(problem, observations, games, chart)
+    residuals = OuterResiduals(problem, observations, games, chart, deadline)
     try:
         solution = residuals.minimised(_MOST_EVALUATIONS)
     except (StoppedError, ValueError):  # no equilibrium at the start

@@ -123,12 +123,13 @@ def profile_intervals(
     weights = games[0].weights
     intervals = np.full((*weights.shape, 2), np.nan)
     for player, weight in np.ndindex(*weights.shape):
-        profile = _Profile(problem, tuple(observations), games, player, weight)
+        if time.monotonic() > deadline:
+            break
+        profile = _Profile(problem, tuple(observations), games, player, weight, deadline)
         for end, sign in enumerate((-1, 1)):
-            if time.monotonic() < deadline:
-                first = max(_FIRST * float(deviations[player, weight]), _SMALLEST_STEP)
-                found = profile.end(sign, first, float(chdtri(1, 1 - level)))
-                intervals[player, weight, end] = found
+            first = max(_FIRST * float(deviations[player, weight]), _SMALLEST_STEP)
+            found = profile.end(sign, first, float(chdtri(1, 1 - level)))
+            intervals[player, weight, end] = found
     return intervals
 
 
@@ -142,13 +143,15 @@ class _Profile:
         games: tuple[SolvedGame, ...],
         player: int,
         weight: int,
+        deadline: float,
     ) -> None:
+        self._deadline = deadline
         self._problem, self._observations = problem, observations
         self._player, self._weight = player, weight
         self._games = games
         self._here = float(games[0].weights[player, weight])
         chart = RatioChart(games[0].weights, problem.weight_floor)
-        best = least_error_in(problem, observations, games, chart)
+        best = least_error_in(problem, observations, games, chart, deadline)
         self._least = np.nan if best is None else best[0]
 
     def end(self, sign: int, first: float, most: float) -> float:
@@ -188,6 +191,8 @@ class _Profile:
         self, value: float, games: tuple[SolvedGame, ...]
     ) -> tuple[float, tuple[SolvedGame, ...]] | None:
         """The least squared error with the weight at a value, from games nearby; and its games."""
+        if time.monotonic() > self._deadline:
+            return None
         floor = self._problem.weight_floor
         start = _with_weight(games[0].weights, self._player, self._weight, value, floor)
         chart = OneHeld(start, self._player, self._weight, floor)
@@ -198,7 +203,8 @@ class _Profile:
             if root is None:
                 return None
             moved.append(replace(there, root=root))
-        return least_error_in(self._problem, self._observations, tuple(moved), chart)
+        games = tuple(moved)
+        return least_error_in(self._problem, self._observations, games, chart, self._deadline)
 
 
 class _LostError(Exception):

@@ -3,6 +3,8 @@
 import gc
 import re
 import subprocess
+import time
+from contextlib import suppress
 from importlib import import_module
 from types import SimpleNamespace
 
@@ -14,7 +16,7 @@ from PIL import Image, ImageSequence
 
 from olne_bench.bench.commands.cli import main
 from olne_bench.bench.judge.fit import Fit
-from olne_bench.bench.judge.players import Answer
+from olne_bench.bench.judge.players import Answer, PlayerFault
 from olne_bench.bench.judge.raw_estimate import read_estimate
 from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.envs.recordings import recording
@@ -564,16 +566,52 @@ def test_targets_are_listed_and_warned_of_where_the_data_suggested_them(capsys):
     assert capsys.readouterr().err == ""
 
 
-def test_intervals_are_told_and_an_open_end_is_marked(capsys):
-    found = fit_of()
-    ends = np.broadcast_to([0.05, 0.45], (2, 4, 2)).copy()
+def test_intervals_are_told_in_time_and_an_open_end_is_marked(capsys, monkeypatch):
+    ends, asked = np.broadcast_to([0.05, 0.45], (2, 4, 2)).copy(), []
     ends[0, 1, 1] = np.nan
-    found.__dict__["intervals"] = ends
-    out, err = told_of(capsys, found)
-    place = out.index("95 % intervals:")
-    assert out[place + 2].startswith("one 0.050 to 0.450 0.050 to ?")
-    assert "cannot be followed far enough" in err
+    monkeypatch.setattr(Fit, "intervals", lambda _, deadline: asked.append(deadline) or ends)
+    found, before = fit_of(), time.monotonic()
     table = estimating._table(["one", "two"], found.problem.weight_names, found)
+    estimating._find_intervals(table, found, 7.0)
+    assert before + 7 <= asked[0] <= time.monotonic() + 7
+    out, err = capsys.readouterr()
+    rows = [" ".join(line.split()) for line in out.splitlines()]
+    assert rows[rows.index("95 % intervals:") + 2].startswith("one 0.050 to 0.450 0.050 to ?")
+    assert "not found within 7 s" in err and "--budget" in err
     name = found.problem.weight_names[0]
     assert table[f"{name}_low"].tolist() == [0.05, 0.05]
     assert table[f"{name}_high"].tolist() == [0.45, 0.45]
+
+
+@pytest.mark.parametrize("interrupted", [False, True])
+def test_weights_come_before_intervals_and_survive_an_interrupt(
+    tmp_path, capsys, monkeypatch, interrupted
+):
+    path, out = tracks_of("two_player", tmp_path, x=3.0), tmp_path / "weights.csv"
+    answer = Answer(estimate=read_estimate(SimpleNamespace(weights=np.ones((2, 4)))), seconds=50.0)
+    tasks = []
+    monkeypatch.setattr(PlayerProcess, "estimate", lambda _, task: tasks.append(task) or answer)
+
+    def intervals(_, deadline):
+        assert "weights:" in capsys.readouterr().out
+        assert deadline - time.monotonic() < 12.1  # a fifth of the budget, as 50 s are gone
+        if interrupted:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(Fit, "intervals", intervals)
+    with suppress(SystemExit):
+        run("estimate", path, "--scenario", "two_player", "--out", out)
+    assert len(pd.read_csv(out)) == 2
+    rehearsal, task = tasks
+    assert task.budget == 60 and task.time_limit == 75 and rehearsal.budget < 0.01
+    assert task.set_up_limit == rehearsal.time_limit > 500  # compilation is apart
+
+
+def test_who_is_late_is_told_what_helps(tmp_path, capsys, monkeypatch):
+    def late(*_):
+        raise PlayerFault("timeout", "killed after 9 s of estimate")
+
+    monkeypatch.setattr(PlayerProcess, "estimate", late)
+    path = tracks_of("two_player", tmp_path, x=3.0)
+    error = fails(capsys, "estimate", path, "--scenario", "two_player")
+    assert "killed after 9 s of estimate; give a longer --budget, or import fewer" in error

@@ -60,21 +60,21 @@ def test_estimators_may_give_neither() -> None:
 
 def test_intervals_follow_what_is_claimed() -> None:
     silent = fit(0.5, 0.3)
-    assert silent.intervals is None
+    assert silent.intervals() is None
     normal = replace(silent, result=replace(silent.result, region="covariance"))
-    assert normal.intervals is not None
+    assert normal.intervals() is not None
     np.testing.assert_allclose(
-        normal.intervals, [0.25 - 0.0392, 0.25 + 0.0392] * np.ones((2, 4, 2)), atol=1e-4
+        normal.intervals(), [0.25 - 0.0392, 0.25 + 0.0392] * np.ones((2, 4, 2)), atol=1e-4
     )
     samples = np.random.default_rng(0).dirichlet(np.ones(4), size=(2000, 2))
     claim = replace(silent.result, region="samples", samples=samples)
     sampled = replace(silent, result=claim)
-    assert sampled.intervals is not None
+    assert sampled.intervals() is not None
     tails = beta(1, 3).ppf([0.025, 0.975])
-    np.testing.assert_allclose(sampled.intervals, tails * np.ones((2, 4, 2)), atol=0.03)
+    np.testing.assert_allclose(sampled.intervals(), tails * np.ones((2, 4, 2)), atol=0.03)
 
 
 def test_states_that_are_no_motion_of_the_game_give_no_profile() -> None:
     found = fit(0.5, 0.3)
     claimed = replace(found, result=replace(found.result, region="likelihood"))
-    assert claimed.intervals is None or np.isnan(claimed.intervals).any()
+    assert claimed.intervals() is None or np.isnan(claimed.intervals()).any()
