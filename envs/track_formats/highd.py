@@ -18,20 +18,18 @@ from olne_bench.envs.tracks.table import (
     plain_float,
     read_frames,
 )
-from olne_bench.errors import bad_input
 from olne_bench.games.model.lanes import StraightLane
 
 DESCRIPTION = "highD: NN_tracks.csv, with NN_recordingMeta.csv beside it; lanes from its markings"
 _NUMBERS = ("x", "y", "width", "height", "xVelocity", "yVelocity")
 _MARKINGS = {"upper": "upperLaneMarkings", "lower": "lowerLaneMarkings"}
-_SHOWN = 100  # characters of a value in a message
 _BEYOND = 50.0  # [m] by which lanes extend beyond the tracks at both ends
 
 
 def read(path: Path, part: str | None) -> Tracks:
     """Read a recording; see ``track_formats``."""
     no_parts(part, "a file of highD is one recording")
-    rows, meta, meta_path = read_frames(path, "id", _NUMBERS, tuple(_MARKINGS.values()))
+    rows, meta, _ = read_frames(path, "id", _NUMBERS, tuple(_MARKINGS.values()))
     table = of_columns(
         time=rows["time"],
         player=rows["player"],
@@ -47,21 +45,17 @@ def read(path: Path, part: str | None) -> Tracks:
         f"{side}_{number}": pair
         for side, name in _MARKINGS.items()
         if name in meta
-        for number, pair in enumerate(_pairs(meta_path, meta[name].iloc[0], side), 1)
+        for number, pair in enumerate(pairwise(str(meta[name].iloc[0]).split(";")), 1)
     }
     road = read_lanes(
-        dict.fromkeys(between, ()), lambda name: _lane(name, *between[name], low, high)
+        dict.fromkeys(between, ()), lambda name: _lane(name, between[name], low, high)
     )
     return Tracks(table, road)
 
 
-def _pairs(path: Path, markings: object, side: str) -> list[tuple[float, float]]:
-    """Neighbouring markings, given as a list of y [m] separated by semicolons."""
-    with bad_input(f"{path}: {side}LaneMarkings are {str(markings)[:_SHOWN]!r}"):
-        return list(pairwise(plain_float(value) for value in str(markings).split(";")))
-
-
-def _lane(name: str, first: float, second: float, low: float, high: float) -> RoadLane:
+def _lane(name: str, markings: tuple[str, str], low: float, high: float) -> RoadLane:
+    """The lane between two markings, which are texts of y [m]."""
+    first, second = map(plain_float, markings)
     start, way = (high, -1.0) if name.startswith("upper") else (low, 1.0)
     line = StraightLane((start, (first + second) / 2), (way, 0.0), high - low)
     return RoadLane((line,), abs(second - first))

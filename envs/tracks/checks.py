@@ -20,6 +20,7 @@ _EXACT = 1e-6  # [s], tolerance of computed times
 _MOST_DIGITS, _WHOLE = 6, 1e-3  # of times that were rounded; tolerance of a whole number
 UNIT_FACTOR = 2.0  # largest ratio of speeds to displacements; miles per hour differ by 2.2
 UNIT_WINDOW = 1.0  # [s] for displacements; noise would dominate shorter ones
+LEAST_AGREEMENT = 0.5  # median cosine of the angle between heading and motion
 DRIVING = 1.0  # [m/s] above which headings must agree with the direction of motion
 DEGREES = 2e-3  # [1/s], more than the change of a longitude or a latitude of cars
 STANDSTILL = 0.05  # [m/s] below which speeds and displacements are not compared
@@ -158,7 +159,7 @@ def check_units(path: Path, states: np.ndarray, dt: float, players: list[str]) -
         speeds = np.abs(states[:, i, 3])
         _check_sizes(who, speeds, from_positions[:, i], np.abs(states[:, i, 2]))
         told = agreement[np.isfinite(agreement[:, i]), i]
-        if told.size and told.mean() < 0:
+        if told.size and np.median(told) < LEAST_AGREEMENT:
             raise UserError(
                 f"{who} has headings that point away from its motion; expected "
                 "radians, from the x axis towards the y axis"

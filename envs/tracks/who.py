@@ -23,13 +23,14 @@ _OTHERS = {
 
 
 def named(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
-    """Rows that have a player, and a note on others."""
+    """Rows that have a player, each once, and notes on others."""
     lacks = table["player"].fillna("").str.strip().str.lower().isin(["", "nan"])
-    if not lacks.any():
-        return table, []
-    if lacks.all():
+    if len(table) and lacks.all():
         raise UserError("none of its rows has a player")
-    return table[~lacks], [f"left out: {lacks.sum()} rows without a player"]
+    again = ~lacks & table.duplicated()
+    what = {"without a player": lacks.sum(), "that repeat another": again.sum()}
+    notes = [f"left out: {count} rows {which}" for which, count in what.items() if count]
+    return table[~lacks & ~again], notes
 
 
 def told_apart(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:

@@ -1,5 +1,6 @@
 """Check files to read; write files completely, and never overwrite a user's file."""
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -91,4 +92,5 @@ def _told(what: str) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise UserError(f"{what}: {error.strerror or error}") from error
+        reason = os.strerror(error.errno) if error.errno else error  # pyarrow says more than that
+        raise UserError(f"{what}: {reason}") from error

@@ -161,6 +161,26 @@ def test_a_car_that_drives_south_is_behind_its_front(path: Path) -> None:
     assert ways["lane_1"] > 0 > ways["lane_2"]
 
 
+def test_both_carriageways_of_highd_are_driven_and_have_lanes(tmp_path: Path) -> None:
+    path = tmp_path / "1_tracks.csv"
+    (tmp_path / "1_recordingMeta.csv").write_text(
+        "frameRate,upperLaneMarkings,lowerLaneMarkings\n25,4;8;8,20;x;28;32\n"
+    )
+    frames = np.arange(30)
+    cars = [
+        {"id": 1, "x": 100 - frames, "y": 5.0, "xVelocity": -25.0},
+        {"id": 2, "x": frames, "y": 29.0, "xVelocity": 25.0},
+    ]
+    table = pd.concat([pd.DataFrame({"frame": frames, **car}) for car in cars])
+    imported = read(path, table.assign(width=4.5, height=2.0, yVelocity=0.0), "highd")
+    np.testing.assert_allclose(states(imported)[0, :, :2], [[102.25, 6], [2.25, 30]])
+    np.testing.assert_allclose(np.cos(states(imported)[0, :, 2]), [-1, 1])
+    road = imported.recording.metadata.episodes[0].road
+    assert road is not None and list(road.lanes) == ["upper_1", "lower_3"]
+    assert np.diff(road.lanes["upper_1"].lane().line[:, 0])[0] < 0
+    assert "lane 'upper_2': a lane's width is 0 m" in imported.notes[0]
+
+
 def test_both_directions_of_one_lane_number_are_two_lanes(path: Path) -> None:
     table = ngsim(Lane_ID=2)
     table.loc[table["Vehicle_ID"] == 2, "Local_Y"] *= -1
@@ -215,6 +235,14 @@ def test_a_car_that_was_away_for_long_is_another(path: Path) -> None:
     assert players(imported) == ["a", "a#2"]
     away = plain(times).assign(time=times + 30, x=plain(times)["x"] + 750)
     assert players(read(path, pd.concat([plain(times), away]))) == ["a"]
+
+
+def test_rows_that_repeat_are_read_once(path: Path) -> None:
+    table = plain(0.1 * np.arange(9))
+    imported = read(path, pd.concat([table, table[3:5]]))
+    assert imported.notes == ("left out: 2 rows that repeat another",)
+    with pytest.raises(UserError, match=r"player 'a' has time 0\.3 twice"):
+        read(path, pd.concat([table, table[3:4].assign(x=0)]))
 
 
 def test_rows_without_a_name_are_left_out(path: Path) -> None:
