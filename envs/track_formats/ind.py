@@ -27,7 +27,8 @@ def read(path: Path, part: str | None) -> Tracks:
         heading=np.deg2rad(rows["heading"]),
         speed=np.hypot(rows["xVelocity"], rows["yVelocity"]),
         length=rows["length"],
-        **{"class": rows["class"]},
+        # Without classes: a pedestrian or cyclist has no size.
+        **{"class": rows["class"].mask((rows["class"] == "") & (rows["length"] == 0), "person")},
     )
     return Tracks(table, origin=_origin(meta_path, meta))
 

@@ -37,7 +37,8 @@ _TEXT_COLUMNS = (
 _BEYOND = 50.0  # [m] by which lanes extend beyond the tracks at both ends
 _WIDTH = 12 * FOOT  # [m], lane of a US motorway
 _PERIOD = 1.0  # [s] by which clocks of two periods of recording differ at least
-_MOTORCYCLE = 1  # v_Class
+_CLASSES = {1: "motorcycle", 2: "car", 3: "truck"}  # of v_Class
+_MOTORCYCLE = 1
 _LONGER, _WIDER = 8.0, 3.5  # medians above these are feet, not metres
 #: Directions of travel of Direction: east, north, west, south; x points north, y east.
 _COMPASS = {1: np.pi / 2, 2: 0.0, 3: -np.pi / 2, 4: np.pi}
@@ -60,6 +61,7 @@ def read(path: Path, part: str | None) -> Tracks:
         y=unit * rows["Local_X"],
         speed=unit * rows["v_Vel"],
         length=unit * rows["v_Length"],
+        **{"class": rows["v_Class"].map(_CLASSES)},
     )
     ways = along_road(travel(fronts).fillna(rows["Direction"].map(_COMPASS)), fronts["player"])
     table = centred(fronts, ways, fronts["length"] / 2)

@@ -18,11 +18,12 @@ from olne_bench.envs.tracks.road import (
     Road,
     RoadLane,
     curves_through,
+    left_out,
     read_lanes,
 )
 from olne_bench.envs.tracks.table import COLUMNS, Tracks, no_parts, plain_float
 from olne_bench.envs.tracks.text import MOST_BYTES, read_bytes, read_xml
-from olne_bench.errors import UserError, bad_input
+from olne_bench.errors import UserError, bad_input, reason
 
 DESCRIPTION = "SUMO: XML of --fcd-output; lanes from its network by --road FILE.net.xml"
 WIDTH = 3.2  # [m], SUMO's default width of a lane
@@ -36,16 +37,20 @@ def read(path: Path, part: str | None) -> Tracks:
     """Read the vehicles; see ``track_formats``."""
     no_parts(part)
     data = read_bytes("tracks file", path, MOST_BYTES)
-    what = f"{path} is not floating car data of SUMO"
-    with bad_input(what, OSError):
-        rows = pd.DataFrame(_rows(data, what), columns=list(COLUMNS))
+    wrong: list[str] = []
+    with bad_input(f"{path} is not floating car data of SUMO", OSError):
+        rows = pd.DataFrame(_rows(data, wrong), columns=list(COLUMNS))
+        if wrong and rows.empty:
+            raise ValueError(wrong[0])
     if rows.empty:
         raise UserError(f"{path} has no vehicles")
     nowhere = rows["x"].isna() | rows["y"].isna() | (rows["x"] == _NOWHERE)
     table = rows[~nowhere].reset_index(drop=True)
     ahead = table["length"].fillna(LENGTH) / 2
     table = centred(table, table["heading"].fillna(travel(table)), ahead)
-    notes = [f"left out, without a position: {nowhere.sum()} rows"] if nowhere.any() else []
+    notes = list(left_out(wrong))
+    if nowhere.any():
+        notes.append(f"left out, without a position: {nowhere.sum()} rows")
     if table["length"].isna().any():
         notes.append(
             f"SUMO gives positions of front bumpers; cars are assumed to be {LENGTH:g} m long"
@@ -53,7 +58,8 @@ def read(path: Path, part: str | None) -> Tracks:
     return Tracks(table, notes=tuple(notes))
 
 
-def _rows(data: bytes, what: str) -> Iterator[_Row]:
+def _rows(data: bytes, wrong: list[str]) -> Iterator[_Row]:
+    """The rows that can be read; what is wrong with others is added."""
     time, root = np.nan, ""
     for event, element in ElementTree.iterparse(BytesIO(data), events=("start", "end")):
         if not root:
@@ -66,8 +72,11 @@ def _rows(data: bytes, what: str) -> Iterator[_Row]:
             else:
                 element.clear()
         elif element.tag in ("vehicle", *_OTHERS) and event == "end":
-            with bad_input(f"{what}: {element.tag} {element.get('id')!r} at time {time:g}"):
+            try:
                 yield _row(time, element)
+            except (KeyError, ValueError) as error:
+                who = f"{element.tag} {element.get('id')!r} at time {time:g}"
+                wrong.append(f"{who}: {reason(error)}")
 
 
 def _row(time: float, element: ElementTree.Element) -> _Row:

@@ -117,8 +117,8 @@ def unequal_steps(path: Path, times: np.ndarray, usual: float) -> UserError:
     steps = np.diff(times)
     k = int(np.abs(steps / usual - np.round(steps / usual).clip(1)).argmax())
     return UserError(
-        f"{path}: unequal time steps: {steps[k]:g} s after time {times[k]:g}, mostly {usual:g} s; "
-        f"--resample {usual:g} makes them equal"
+        f"{path}: unequal time steps: {steps[k]:g} s after time {times[k]:g}, mostly "
+        f"{usual:.2g} s; --resample {usual:.2g} makes them equal"
     )
 
 

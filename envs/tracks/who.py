@@ -9,8 +9,8 @@ from olne_bench.envs.tracks.text import listed
 from olne_bench.errors import UserError
 
 LONGEST_ABSENCE = 60.0  # [s]; a car that comes back later is another car with the same id
-#: Medians of cars beyond these [m, m/s] are in feet, or in other units.
-_SHORTEST, _LONGEST, _FAST = 2.5, 9.0, 50.0
+#: Medians of cars beyond these [m, m/s] are in other units.
+_SHORTEST, _LONGEST, _FAST, _SLOW = 2.5, 9.0, 50.0, 0.05
 _ABSENT_STEPS = 20  # of the data that it is away at least
 _MOTORISED = {"motorcycle", "motorbike", "moped", "scooter", "motor"}
 #: Parts of names of classes that do not drive on lanes as cars do.
@@ -85,6 +85,7 @@ def unit_doubts(table: pd.DataFrame) -> list[str]:
     doubts = []
     if length < _SHORTEST or length > _LONGEST:
         doubts.append(f"vehicles are {length:.3g} m long in the median")
-    if speed > _FAST:
+    if speed > _FAST or 0 < speed < _SLOW:
         doubts.append(f"vehicles move at {speed:.3g} m/s in the median")
-    return [f"warning: {doubt}; expected metres, are these feet?" for doubt in doubts]
+    unit = "kilometres" if speed < _SLOW else "feet"
+    return [f"warning: {doubt}; expected metres, are these {unit}?" for doubt in doubts]

@@ -468,14 +468,17 @@ def test_sumo_may_leave_out_attributes_and_has_persons(tmp_path: Path) -> None:
     steps = "".join(
         f'<timestep time="{k / 10}"><vehicle id="a" x="{2 + k}" y="1" type="truck" length="4"/>'
         f'<vehicle id="b" x="-1073741824.00" y="-1073741824.00" angle="0" speed="0"/>'
+        f'<vehicle x="0" y="0"/><vehicle id="c" x="{"?" if k == 9 else 5 * k}" y="0"/>'
         f'<person id="p" x="{k / 10}" y="4" angle="90" speed="1"/></timestep>'
         for k in range(20)
     )
     path.write_bytes(gzip.compress(f"<fcd-export>{steps}</fcd-export>".encode()))
     imported = read_tracks(path, "sumo")
-    assert players(imported) == ["a"]
+    assert players(imported) == ["a", "c"]
     np.testing.assert_allclose(states(imported)[:, 0, 0], np.arange(20), atol=1e-9)
+    assert np.flatnonzero(np.isnan(states(imported)[:, 1, 0])).tolist() == [9]
     notes = "; ".join(imported.notes)
+    assert "left out: vehicle None at time 0: it has no 'id', and 20 more" in notes
     assert "without a position: 20 rows" in notes and "no vehicles: p (person)" in notes
 
 
