@@ -4,7 +4,8 @@ import numpy as np
 import pandas as pd
 
 _WINDOW = 1.0  # [s] over which a car's direction of travel is seen
-_LEAST = 1.0  # [m] that it moves meanwhile; less is noise
+_LEAST = 1.0  # [m] that it moves meanwhile, or in all; less is noise
+_NEARLY = 0.9  # share of a car's samples
 _ALONG = np.deg2rad(30)  # largest angle from the x axis of a car that keeps along the road
 
 
@@ -22,7 +23,9 @@ def travel(table: pd.DataFrame) -> pd.Series:
             for lag in (_WINDOW / 2, -_WINDOW / 2)
         )
         step = ahead - behind
-        far = np.hypot(*step.T) > min(_LEAST, np.hypot(*np.ptp(places, axis=0)) / 2 or np.inf)
+        if not (np.hypot(*step.T) > _LEAST).any():  # it creeps at most
+            step = np.broadcast_to(places[-1] - places[0], step.shape)
+        far = np.hypot(*step.T) > _LEAST
         if far.any():
             angles = np.unwrap(np.arctan2(step[far, 1], step[far, 0]))
             found[rows.index] = np.interp(time, time[far], angles)
@@ -30,9 +33,9 @@ def travel(table: pd.DataFrame) -> pd.Series:
 
 
 def along_road(headings: pd.Series, players: pd.Series) -> pd.Series:
-    """Headings, exactly those of the x axis or against it for players who keep to it throughout."""
+    """Headings, exactly those of the x axis or against it for players who nearly always keep it."""
     off = np.arcsin(np.abs(np.sin(headings)))
-    keeps = off.groupby(players).transform("max") < _ALONG
+    keeps = players.map(off.groupby(players).quantile(_NEARLY)) < _ALONG
     return headings.mask(keeps, np.where(np.cos(headings) < 0, np.pi, 0.0))
 
 

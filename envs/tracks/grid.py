@@ -77,8 +77,9 @@ class Grid:
 
 def on_grid(path: Path, table: pd.DataFrame, excerpt: Excerpt) -> Grid:
     """Put an excerpt of a table of tracks on a common time grid."""
-    table = _window(path, table, excerpt.window)
+    table, beyond = _window(path, table, excerpt.window)
     table, notes = _chosen(path, table, excerpt.players)
+    notes = [*beyond, *notes]
     check_times(path, table)
     if excerpt.step is None:
         table, times, more = _on_own_times(path, table)
@@ -104,15 +105,20 @@ def on_grid(path: Path, table: pd.DataFrame, excerpt: Excerpt) -> Grid:
     return Grid(times, names, states, tuple(notes))
 
 
-def _window(path: Path, table: pd.DataFrame, window: tuple[float, float] | None) -> pd.DataFrame:
+def _window(
+    path: Path, table: pd.DataFrame, window: tuple[float, float] | None
+) -> tuple[pd.DataFrame, list[str]]:
+    """The rows in a window, and a note if it is longer than the file."""
     if window is None or table.empty:
-        return table
+        return table, []
     first, last = window
     inside = table["time"].between(first - _ROUNDING, last + _ROUNDING)
+    low, high = table["time"].min(), table["time"].max()
+    told = f"--window {first:g},{last:g}: {path} has times from {low:g} to {high:g} s"
     if not inside.any():
-        low, high = table["time"].min(), table["time"].max()
-        raise UserError(f"--window {first:g},{last:g}: {path} has times from {low:g} to {high:g} s")
-    return table[inside]
+        raise UserError(told)
+    step = _usual_step(table)
+    return table[inside], [told] if first < low - step or last > high + step else []
 
 
 def _chosen(

@@ -21,6 +21,7 @@ MOST_BYTES = 2**31
 _LONGEST_TITLES = 2**16  # characters of the line of column names
 _SEPARATORS = ",;\t|"
 BLANKS = r"\s+"
+_NUMBER = r"[-+]?[\d.,]+(e[-+]?\d+)?"
 _LOOKED_AT = 10_000  # characters that say whether decimals have commas
 _SHOWN, _SHOWN_NAME = 8, 60  # names in a message, and characters of each
 _MARKS = {
@@ -42,7 +43,10 @@ _FOREIGN = {b"PAR1": "a Parquet file", b"<": "an XML file", b"\xd0\xcf\x11\xe0":
 def read_bytes(kind: str, path: Path, most: int) -> bytes:
     """The content of a file, unpacked if gzip or zip has packed it, whatever its suffix."""
     check_input(kind, path, most)
-    with bad_input(f"{kind} {path} cannot be unpacked", OSError), path.open("rb") as file:
+    with (
+        bad_input(f"{kind} {path} cannot be unpacked", OSError, RuntimeError),
+        path.open("rb") as file,
+    ):
         start = file.read(4)
         file.seek(0)
         if start[:2] == b"\x1f\x8b":
@@ -167,7 +171,7 @@ def read_sheet(path: Path, usual: Sequence[str] = ()) -> Sheet:
             line = ""
     separator = _separator(line or above)
     titles = _cut(line, separator) if line else []
-    if not line or _is_number(titles[0]):
+    if not line or re.fullmatch(_NUMBER, titles[0]):
         named = _cut(above, separator) if above else []
         titles = named if not line or len(named) == len(titles) else list(usual) or titles
         end = start if line else end
@@ -212,14 +216,6 @@ def _cut(line: str, separator: str) -> list[str]:
     if separator == BLANKS:
         return line.split()
     return [name.strip() for name in next(csv.reader([line], delimiter=separator))]
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text.replace(",", "."))
-    except ValueError:
-        return False
-    return True
 
 
 def _decimal(rows: str, separator: str) -> str:

@@ -75,9 +75,10 @@ def vehicles(table: pd.DataFrame) -> tuple[pd.DataFrame, list[str]]:
 
 def unit_doubts(table: pd.DataFrame) -> list[str]:
     """Warnings on lengths and speeds that vehicles have in other units, such as feet."""
-    heavy = table["class"].astype(str).str.contains("truck|bus", case=False)
-    cars = table[~heavy & table["class"].map(is_vehicle)].dropna(subset=["x", "y"])
-    players = cars.sort_values("time").groupby("player")
+    kinds = table.groupby("player")["class"].first()
+    heavy = kinds.astype(str).str.contains("truck|bus", case=False)
+    cars = table[table["player"].isin(kinds.index[~heavy & kinds.map(is_vehicle)])]
+    players = cars.dropna(subset=["x", "y"]).sort_values("time").groupby("player")
     length = players["length"].median().replace(0, np.nan).median()
     first, last = players[["time", "x", "y"]].first(), players[["time", "x", "y"]].last()
     moved = last - first

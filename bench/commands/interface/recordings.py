@@ -78,8 +78,9 @@ def import_tracks() -> None:
     """Make a recording from TRACKS, whose true weights are unknown.
 
     Rows may be in any order. Cars that enter or leave have missing samples while they are not
-    seen. --flip-y, --rotate and --shift bring tracks into the frame of the lanes; they do not
-    move the lanes.
+    seen. Pedestrians, cyclists and what is parked are left out unless --players names them.
+    --flip-y, --rotate and --shift bring tracks into the frame of the lanes; they do not move the
+    lanes.
     """
 
 
@@ -114,7 +115,12 @@ def export() -> None:
     type=FiniteRange(min=0, min_open=True),
     help="Standard deviation of position noise [m]. Default: estimated with the weights.",
 )
-@shown("--budget", type=BUDGET, default=60.0, help="Time limit of the estimate [s].")
+@shown(
+    "--budget",
+    type=BUDGET,
+    default=60.0,
+    help="Time limit of the estimate [s], without compilation.",
+)
 @click.option("--out", type=PATH, help="New CSV file for the weights.")
 def estimate() -> None:
     """Estimate the weights of every player in RECORDING.

@@ -200,9 +200,19 @@ def test_a_car_that_crosses_the_road_is_behind_its_front(path: Path) -> None:
 
 def test_who_stands_faces_as_direction_says(path: Path) -> None:
     table = ngsim(Direction=4, Local_X=6.0, v_Vel=0.0)
-    table["Local_Y"] = 100 * table["Vehicle_ID"]
+    table["Local_Y"] = 100 * table["Vehicle_ID"] + np.random.default_rng(0).normal(0, 0.1, 62)
     found = states(read(path, table, "ngsim"))
-    np.testing.assert_allclose(found[0, :, 0], FOOT * np.array([100, 200]) + 2.25)
+    np.testing.assert_allclose(found[0, :, 0], FOOT * np.array([100, 200]) + 2.25, atol=0.1)
+
+
+@pytest.mark.parametrize("speed", [0.4, 3.0])
+def test_a_queue_that_creeps_south_is_behind_its_fronts(path: Path, speed: float) -> None:
+    frames = np.tile(np.arange(31), 2)
+    noise = np.random.default_rng(0).normal(0, 0.02, 62)
+    table = ngsim(v_Vel=speed / FOOT)
+    table["Local_Y"] = (80 * table["Vehicle_ID"] - 0.1 * speed * frames + noise) / FOOT
+    found = states(read(path, table, "ngsim"))
+    np.testing.assert_allclose(found[0, :, 0], [82.25, 162.25], atol=0.1)
 
 
 @pytest.mark.parametrize("missing", [np.nan, -1, 0])

@@ -49,6 +49,12 @@ def test_a_window_between_times_is_refused_with_the_times_there_are() -> None:
         grid(track("a", EVERY), window=(0.31, 0.39))
 
 
+def test_a_window_that_is_longer_than_the_file_is_told() -> None:
+    said = "--window -1,9: some.csv has times from 0 to 4 s"
+    assert grid(track("a", EVERY), window=(-1, 9)).notes == (said,)
+    assert grid(track("a", EVERY), window=(-0.05, 4.05)).notes == ()
+
+
 def test_players_come_in_the_order_asked_for() -> None:
     tracks = [track(name, EVERY, speed) for name, speed in (("a", 1.0), ("b", 2.0), ("c", 3.0))]
     found = grid(*tracks, players=("c", "a"))
