@@ -152,6 +152,9 @@ def _on_own_times(path: Path, table: pd.DataFrame) -> tuple[pd.DataFrame, np.nda
     usual = _usual_step(table)
     steps = count_steps(path, known, usual)
     times = np.linspace(known[0], known[-1], steps[-1] + 1)
+    if np.abs(known - times[steps]).max() > _ROUNDING:  # the ends were rounded as well
+        step = np.polyfit(steps, known - known[0], 1)[0]
+        times = known[0] + step * np.arange(steps[-1] + 1)
     table = table.assign(time=times[steps][places])
     if table.duplicated(["player", "time"]).any():
         raise unequal_steps(path, known, usual)
