@@ -2,7 +2,7 @@
 
 Assumes: nothing.
 Cost: none.
-Trust: as a reference only; in `two_player` it happens to be the truth.
+Trust: as a reference only; in `two_player` it is the truth, unless weights are drawn.
 """
 
 from collections.abc import Sequence

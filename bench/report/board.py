@@ -52,7 +52,8 @@ def verdict(scores: pd.DataFrame, comparisons: pd.DataFrame, study: Study = USUA
     else:
         said += f": {_change(best['score'])} than those of {best['reference']}{_interval(best)}"
     if best["draws"] < FEWEST_DRAWS:
-        said += f"; {best['draws']} draws are too few to tell estimators apart"
+        few = "one draw is" if best["draws"] == 1 else f"{best['draws']} draws are"
+        said += f"; {few} too few to tell estimators apart"
     elif ties:
         said += f"; allowing for all pairs, {listed(ties)} cannot be told apart from it"
     better = [row["estimator"] for row in floors if row["score"] < best["score"]]
@@ -123,9 +124,10 @@ def board_note(rows: pd.DataFrame, study: Study = USUAL) -> str:
         return "Nobody has a score. Errors are medians over all trials."
     return (
         f"Score: geometric mean of {first.label} over that of {told.iloc[0]} in the same trials "
-        "with noise, with its 95 % bootstrap interval over draws; 0.79 is 21 % smaller. A failure "
-        "counts as the error of uniform. Errors are medians over the same trials. Those marked "
-        "'prior' know how true weights are drawn; floors do not rank."
+        "with noise; 0.79 is 21 % smaller. In brackets: its 95 % bootstrap interval over draws, "
+        "from six draws on. A failure counts as the error of uniform, or as the largest in its "
+        "trial. Errors are medians over the same trials. Those marked 'prior' know how true "
+        "weights are drawn; floors do not rank."
     )
 
 

@@ -21,6 +21,8 @@ from olne_bench.errors import UserError, bad_input
 
 MOST_PLAYERS = 20  # larger games take hours
 _ROUNDING = 1e-6  # [s], tolerance of computed times
+#: Times between exact ends are off by half a digit at most; beyond this share, ends were rounded.
+_ENDS = 0.55
 _BRIDGED = 1.5  # largest gap that is interpolated, in steps of the data
 _NEIGHBOURS = 0.35  # samples whose distance differs by less from the median are neighbours
 _ROUGHNESS_ORDER = 3
@@ -152,7 +154,7 @@ def _on_own_times(path: Path, table: pd.DataFrame) -> tuple[pd.DataFrame, np.nda
     usual = _usual_step(table)
     steps = count_steps(path, known, usual)
     times = np.linspace(known[0], known[-1], steps[-1] + 1)
-    if np.abs(known - times[steps]).max() > _ROUNDING:  # the ends were rounded as well
+    if np.abs(known - times[steps]).max() > max(_ENDS * resolution(known), _ROUNDING):
         step = np.polyfit(steps, known - known[0], 1)[0]
         times = known[0] + step * np.arange(steps[-1] + 1)
     table = table.assign(time=times[steps][places])
