@@ -22,7 +22,7 @@ from olne_bench.bench.report.statistics.attempts import in_words
 from olne_bench.bench.report.statistics.standing import said_of_standing
 from olne_bench.bench.report.study import USUAL, Study, in_leaderboard, primary
 from olne_bench.bench.report.tables import RunTables
-from olne_bench.bench.text import one_line
+from olne_bench.bench.text import clip, one_line
 
 _PLACE = ["scenario", "sensor", "estimator"]
 _WIDTH = 88  # of lines in a terminal
@@ -87,10 +87,11 @@ def _wrapped(text: str) -> str:
 
 def format_notes(tables: RunTables, notes: list[str]) -> str:
     """Who does not rank, errors of the harness, what could not be drawn, and why, if anything."""
-    wrong = in_words(tables.harness_errors)
+    wrong, failed = in_words(tables.harness_errors), in_words(tables.failures, most=3)
     parts = [
         ("Not ranked, or too good:", said_of_standing(tables.leaderboard)),
         ("The harness itself failed; these trials do not count as attempts:", wrong),
+        ("Why trials failed:", [clip(line) for line in failed]),
         ("Not shown, and why:", notes),
     ]
     return "\n".join(

@@ -6,7 +6,11 @@ import pandas as pd
 
 from olne_bench.bench.report.leaderboard import errors_by_noise, scored_rows, summaries
 from olne_bench.bench.report.parts import Parts, joined, of_each, parts_of
-from olne_bench.bench.report.statistics.attempts import harness_errors, most_frequent_first
+from olne_bench.bench.report.statistics.attempts import (
+    failures,
+    harness_errors,
+    most_frequent_first,
+)
 from olne_bench.bench.report.statistics.calibration import calibration_table
 from olne_bench.bench.report.statistics.identifiability import (
     bound_ratios,
@@ -43,11 +47,14 @@ class RunTables:
     temperaments: pd.DataFrame
     confusions: pd.DataFrame
     harness_errors: pd.DataFrame
+    failures: pd.DataFrame
     notes: tuple[str, ...] = ()  # what could not be computed, and why
 
     def by_name(self) -> dict[str, pd.DataFrame]:
         """The tables that are written to the run folder, by name."""
-        left = {"harness_errors", "notes"} | (set() if len(self.temperaments) else _OF_DRIVERS)
+        left = {"harness_errors", "failures", "notes"} | (
+            set() if len(self.temperaments) else _OF_DRIVERS
+        )
         return {name: table for name, table in vars(self).items() if name not in left}
 
 
@@ -64,7 +71,8 @@ def tabulate(trials: pd.DataFrame | Parts, study: Study = USUAL) -> RunTables:
     scores, notes = score_table(logs, study), tuple(whole.pop("notes")["note"])
     shown = [*metrics, *[IDENTIFIABLE] * (f"{IDENTIFIABLE.name}_median" in whole["leaderboard"])]
     whole["leaderboard"] = if_told(scored_rows(whole["leaderboard"], shown, scores, study))
-    whole["harness_errors"] = most_frequent_first(whole["harness_errors"])
+    for name in ("harness_errors", "failures"):
+        whole[name] = most_frequent_first(whole[name])
     return RunTables(scores=scores, comparisons=pair_table(logs, study), notes=notes, **whole)
 
 
@@ -88,5 +96,6 @@ def _tabulated(trials: pd.DataFrame, study: Study) -> dict[str, pd.DataFrame]:
         "calibration": calibration_table(trials),
         **by_temperament,
         "harness_errors": harness_errors(plain),
+        "failures": failures(plain),
         "notes": pd.DataFrame({"note": unknown_truths(trials, study)}, dtype=object),
     }

@@ -108,21 +108,30 @@ def median(values: np.ndarray) -> float:
 
 def harness_errors(trials: pd.DataFrame) -> pd.DataFrame:
     """Columns ``scenario, sensor, estimator, message, trials``, the most frequent error first."""
-    spoilt = trials[trials["status"] == "harness_error"]
-    if spoilt.empty:
+    return _counted(trials[trials["status"] == "harness_error"].fillna({"message": ""}))
+
+
+def failures(trials: pd.DataFrame) -> pd.DataFrame:
+    """The same of attempts that failed, whose messages begin with their status."""
+    failed = attempts_of(trials)
+    failed = failed[failed["status"] != "ok"].fillna({"message": ""})
+    return _counted(failed.assign(message=failed["status"] + ": " + failed["message"]))
+
+
+def _counted(trials: pd.DataFrame) -> pd.DataFrame:
+    if trials.empty:
         return pd.DataFrame(columns=[*_HARNESS, "trials"])
-    counted = spoilt.fillna({"message": ""}).groupby(_HARNESS).size().rename("trials").reset_index()
-    return most_frequent_first(counted)
+    return most_frequent_first(trials.groupby(_HARNESS).size().rename("trials").reset_index())
 
 
 def most_frequent_first(table: pd.DataFrame) -> pd.DataFrame:
-    """``harness_errors`` in their order, such as those of several scenarios."""
+    """``harness_errors`` or ``failures`` in their order, such as those of several scenarios."""
     order = ["trials", *_HARNESS]
     return table.sort_values(order, ascending=[False, *[True] * 4], ignore_index=True)
 
 
 def in_words(table: pd.DataFrame, most: int = 5) -> list[str]:
-    """The first rows of ``harness_errors`` as lines, and the number of further trials."""
+    """The first rows of such a table as lines, and the number of further trials."""
     lines = [
         f"{row.trials} x {row.estimator} on {row.scenario}, {row.sensor}: {row.message}"
         for row in table.head(most).itertuples(index=False)

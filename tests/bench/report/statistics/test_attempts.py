@@ -201,6 +201,14 @@ def test_all_reports_tell_errors_of_the_harness():
     assert "fault 0" in html and "figure x: why" in html
 
 
+def test_a_terminal_says_why_trials_failed():
+    trials = spoilt_trials(0)
+    failed = trials.assign(status="invalid", message="weights have the shape (2,)")
+    said = format_notes(tabulate(pd.concat([trials, failed], ignore_index=True)), [])
+    assert "Why trials failed:" in said
+    assert f"{len(failed)} x e on of_another_version, full: invalid: weights have" in said
+
+
 def test_nothing_is_said_where_nothing_is_wrong():
     tables = tabulate(spoilt_trials(0))
     assert format_notes(tables, []) == ""
