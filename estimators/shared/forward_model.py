@@ -106,7 +106,7 @@ def theta_of(weights: np.ndarray, parameters: np.ndarray | None) -> np.ndarray:
 def warm_up_games(problem: Problem) -> None:
     """Build the solvers that ``first_games`` and ``play_batch`` need."""
     joint_elimination(problem.game, problem.view)
-    elimination(problem.game)
+    _ = elimination(problem.game).four
     warm_up_fit(problem.game, problem.view, problem.game.horizon)
 
 

@@ -237,7 +237,7 @@ static int linearise_all(const Method *m)
     {
         double theta[of.at->thetas];
         own_theta(&of, m->point.theta, theta);
-        if (of.at->linearise(of.work, m->point.z + of.z, theta)) return 0;
+        if (!of.at->linearise(of.work, m->point.z + of.z, theta)) return 0;
         of.at->feedback(of.work);
     }
     return 1;

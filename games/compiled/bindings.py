@@ -15,7 +15,7 @@ LARGEST_INT = 2**31 - 1
 
 
 class Work(ctypes.Structure):
-    """Mirrors ``Work`` of ``elimination.c``."""
+    """Mirrors ``Work`` of ``stages.c``."""
 
     _fields_ = (
         ("horizon", ctypes.c_int),
@@ -70,6 +70,7 @@ def _signatures() -> dict[str, tuple[object, list[object]]]:
     work, real, integer = ctypes.POINTER(Work), ctypes.c_double, ctypes.c_int
     vector, rows = vector_pointer(1), vector_pointer(2)
     new_vector, new_rows, new_batch = (vector_pointer(ndim, output=True) for ndim in (1, 2, 3))
+    seen, new_slopes = vector_pointer(5), vector_pointer(5, output=True)
     counts = ndpointer(dtype=np.int32, ndim=1, flags=("C_CONTIGUOUS", "WRITEABLE"))
     flags = ndpointer(dtype=np.bool_, ndim=2, flags="C_CONTIGUOUS")
     return {
@@ -105,6 +106,10 @@ def _signatures() -> dict[str, tuple[object, list[object]]]:
         "newton": (
             None,
             [work, integer, new_batch, rows, real, integer, real, integer, new_vector, counts],
+        ),
+        "observe_sensitivities": (
+            None,
+            [work, integer, integer, vector_pointer(3), rows, seen, new_slopes, counts],
         ),
         "interior_space": (integer, [integer]),
         "interior_options": (integer, []),

@@ -76,13 +76,21 @@ def backend() -> str:
 
 
 @lru_cache(maxsize=64)
-def load(source: str) -> ctypes.CDLL:
-    """The library of a source, compiled or kept; UserError if there is no compiler, or it fails."""
+def load(source: str, *flags: str) -> ctypes.CDLL:
+    """The library of a source, compiled or kept; UserError if there is no compiler, or it fails.
+
+    Further flags follow those that all code is compiled with.
+    """
     command = _compiler()
     try:
-        return _load(command, source, _processor_flags(command))
+        return _load(command, source, (*_processor_flags(command), *flags))
     except OSError as error:
         raise UserError(f"games cannot be compiled: {error}") from error
+
+
+def has_wide_vectors() -> bool:
+    """Whether code is compiled for a processor with vectors of four numbers."""
+    return bool(_processor_flags(_compiler()))
 
 
 def _compiler() -> tuple[str, ...]:
@@ -135,8 +143,8 @@ def _processor_flags(command: tuple[str, ...]) -> tuple[str, ...]:
     return _WIDE_FLAGS if _load(command, _PROBE).has_wide_vectors() else ()
 
 
-def _load(command: tuple[str, ...], source: str, processor: tuple[str, ...] = ()) -> ctypes.CDLL:
-    flags = [*_FLAGS, *processor, *_further_flags()]
+def _load(command: tuple[str, ...], source: str, further: tuple[str, ...] = ()) -> ctypes.CDLL:
+    flags = [*_FLAGS, *further, *_further_flags()]
     key = hashlib.sha256("\n".join([source, *flags, *_identity(command)]).encode()).hexdigest()
     if shared := _shared(key):
         return ctypes.CDLL(str(shared))

@@ -32,7 +32,7 @@ from olne_bench.games.model.unknowns import unknowns_of, with_unknowns
 #: tau of (C1): what margin times multiplier comes to, in place of zero.
 RELAXATION = 1e-9
 
-#: Functions of a constraint, in the order of ``elimination.c``.
+#: Functions of a constraint, in the order of ``stages.c``.
 COMPLEMENTARITY_FUNCTIONS = ("value", "jacobian", "hessian", "margins")
 
 

@@ -22,7 +22,7 @@ from olne_bench.games.model.constraints import Constraint, constraint_stage
 from olne_bench.games.model.dynamics import Dynamics
 from olne_bench.games.model.numbers import numbers_of, with_symbols
 
-#: Functions of a constraint, in the order of ``elimination.c``.
+#: Functions of a constraint, in the order of ``stages.c``.
 CONSTRAINT_FUNCTIONS = ("margins", "push", "change", "condensed")
 
 

@@ -32,13 +32,14 @@ Arrays over time have T rows: z_t = (x_t, u_t, lambda_t), residuals (rx_t, ru_t,
 import copy
 import ctypes
 from dataclasses import dataclass, replace
-from functools import lru_cache
+from functools import cached_property, lru_cache
 
 import numpy as np
 
 from olne_bench.games.compiled.bindings import LARGEST_INT, Work, declared, dense
-from olne_bench.games.compiled.compiler import load
+from olne_bench.games.compiled.compiler import has_wide_vectors, load
 from olne_bench.games.compiled.complementarity import RELAXATION
+from olne_bench.games.compiled.four_games import FourGames, work_space
 from olne_bench.games.compiled.source import source_of
 from olne_bench.games.compiled.stage_functions import StageFunctions, stage_functions
 from olne_bench.games.model.constraints import described
@@ -81,34 +82,29 @@ class Elimination:
         """Numbers are those of the game (N, P), of its view (P,), of its constraints (C, P)."""
         self.stages, self.horizon, self.library = stages, horizon, library
         self.enforced = _enforced(stages, horizon)
-        nx, nu, size = stages.num_states, stages.num_controls, stages.size
-        self._columns = columns = nx + stages.num_weights
-        self._shape = (horizon, size)
+        self._columns = stages.num_states + stages.num_weights
+        self._shape = (horizon, stages.size)
         view_shape = (stages.loss.num_numbers,)
-        self._arrays = {
-            "numbers": dense("numbers", numbers, (stages.num_players, numbers.shape[1])),
+        numbers = dense("numbers", numbers, (stages.num_players, numbers.shape[1]))
+        self._arrays = work_space(stages, horizon) | {
+            "numbers": numbers,
             "view_numbers": dense("view_numbers", view_numbers, view_shape),
             "constraint_numbers": dense("numbers", constraint_numbers, constraint_numbers.shape),
-            "blocks": np.zeros((horizon, sum(pattern.size for pattern in stages.blocks))),
-            "curvature": np.zeros(
-                (horizon, max(stages.curvature.size, stages.final_curvature.size))
-            ),
-            "V": np.zeros((horizon, nx, nx)),
-            "M": np.zeros((horizon, nu, nu)),
-            "K": np.zeros((horizon, nu, nx)),
-            "S": np.zeros((horizon, nu, nx)),
-            "L": np.zeros((horizon, nx, nu)),
-            "G": np.zeros((horizon, nu, columns)),
-            "v": np.zeros((horizon, nx, stages.num_weights)),
-            "Z": np.zeros((horizon, size, columns)),
-            "squares": np.zeros((3, max(columns, nx + nu) ** 2)),
-            "parts": np.zeros(nu * nu + (nx + 2 * nu) * columns),
-            "scratch": np.zeros((4, horizon, size)),
             "enforced": self.enforced.astype(float),
         }
         pointers = {name: array.ctypes.data for name, array in self._arrays.items()}
         self.work = Work(horizon, relaxation=RELAXATION, **pointers)
         self.set_observations(np.zeros((horizon, stages.num_samples)))
+
+    @cached_property
+    def four(self) -> FourGames | None:
+        """What solves four such games at a time, compiled when it is first asked for.
+
+        None where there are constraints, or the processor has no vectors of four numbers.
+        """
+        if self.stages.num_multipliers or self.stages.constraints or not has_wide_vectors():
+            return None
+        return FourGames(self.stages, self.horizon, self._arrays["numbers"])
 
     @property
     def relaxation(self) -> float:
@@ -194,7 +190,7 @@ class Elimination:
     def linearise(self, z: np.ndarray, theta: np.ndarray) -> bool:
         """Factorise G_z at a point, (E2) to (E4); False where a stage matrix is singular."""
         status = self.library.linearise(self.work, self._rows("z", z), self._weights(theta))
-        return bool(status == 0)
+        return bool(status)
 
     def linearise_condensed(
         self, z: np.ndarray, theta: np.ndarray, v: np.ndarray, sigma: np.ndarray, shift: float
@@ -206,7 +202,7 @@ class Elimination:
         """
         point = self._rows("z", z), self._weights(theta)
         margins = self._margins("v", v), self._margins("sigma", sigma)
-        return bool(self.library.linearise_condensed(self.work, *point, *margins, shift) == 0)
+        return bool(self.library.linearise_condensed(self.work, *point, *margins, shift))
 
     def solve(self, right: np.ndarray, *, transposed: bool = False) -> np.ndarray:
         """Solve G_z out = right, or G_z' out = right, with out's x_1 (p_1) zero: (E5), (E6).
@@ -268,24 +264,49 @@ class Elimination:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Damped Newton on G = 0 for a batch of starts z (B, T, size), in place; theta (B, N*K).
 
-        Of each game, at most ``max_iterations`` factorisations are made. ``factorised``: the last
-        one is of a point near the starts; it serves first, as each serves until its steps leave too
-        much of the residual (``ENOUGH``). Returns max |G| (B,) and the number of factorisations
-        (B,).
+        Of each game, at most ``max_iterations`` factorisations are made; each serves until its
+        steps leave too much of the residual (``ENOUGH``). ``factorised``: the last one is of a
+        point near the start of a single game, and serves first. Returns max |G| (B,) and the
+        number of factorisations (B,).
         """
         count = len(z)
+        if factorised and count != 1:
+            raise ValueError(f"one factorisation is not near the starts of {count} games")
         points = dense("z", z, (count, *self._shape))
         if not points.flags.writeable:
             raise ValueError("z is overwritten, but cannot be written to")
         theta = dense("theta", theta, (count, self.stages.num_weights))
         residuals, iterations = np.empty(count), np.empty(count, dtype=np.int32)
         limits = tolerance, min(max_iterations, LARGEST_INT), limit
-        self.library.newton(
-            self.work, count, points, theta, *limits, factorised, residuals, iterations
-        )
+        at = self._at(count)
+        at.library.newton(at.work, count, points, theta, *limits, factorised, residuals, iterations)
         if points is not z:
             z[:] = points
         return residuals, iterations
+
+    def observe_sensitivities(
+        self, z: np.ndarray, theta: np.ndarray, seen: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives (B, T, N, d, N*n + N*K) of samples in (x_1, theta) at roots z (B, T, size).
+
+        Theta is (B, N*K); ``seen`` (B, T, N, d, n) are the derivatives of the samples in the state
+        of their player. Also says which roots (B,) are regular; the others' are undefined.
+        """
+        stages, count, samples = self.stages, len(z), seen.shape[3]
+        own = stages.num_players, samples, stages.num_states // stages.num_players
+        found = np.empty((count, self.horizon, *own[:2], self._columns))
+        regular, at = np.empty(count, dtype=np.int32), self._at(count)
+        at.library.observe_sensitivities(
+            *(at.work, count, samples, dense("z", z, (count, *self._shape))),
+            dense("theta", theta, (count, stages.num_weights)),
+            dense("seen", seen, (count, self.horizon, *own)),
+            *(found, regular),
+        )
+        return found, regular != 0
+
+    def _at(self, count: int) -> "Elimination | FourGames":
+        """What solves so many games."""
+        return (self.four if count > 1 else None) or self
 
     def responses(
         self,

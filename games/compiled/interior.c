@@ -99,7 +99,7 @@ static int find_direction(Interior *I, const Point *p, double tau)
         I->dv[k] = I->on[k] ? tau / p->s[k] - p->v[k] : 0;
         I->ds[k] = I->dv[k] - I->sigma[k] * p->gap[k];
     }
-    while (factorise_stages(I->w, p->z, I->theta, p->v, I->sigma, shift)) {
+    while (!factorise_stages(I->w, p->z, I->theta, p->v, I->sigma, shift)) {
         if (shift == 0)
             shift = I->shift > 0 ? fmax(1e-6, I->shift / 3) : o->first_shift;
         else

@@ -1,4 +1,4 @@
-/* Sensitivities and the reduced Hessian of the inverse problem, compiled behind elimination.c.
+/* The reduced Hessian of the inverse problem, compiled behind sensitivities.c.
  *
  * Along G = 0 everything is linear in w_t = (x_t, theta):
  *
@@ -14,52 +14,29 @@
  *
  * where A and B also carry theta on. Only the products with G are dense. */
 
-/* G and v of all stages, after linearise */
-API void feedback(Work *w)
+static inline void loss_values(const Work *w, Function *function, const double *z, int t, int i,
+                               double *out)
 {
-    const int last = w->horizon - 1;
-    double *right = w->squares;
-    memset(w->v + last * NX * NT, 0, NX * NT * sizeof(double));
-    sparse_scatter(&FINAL_X, w->blocks + last * BLOCKS, -1, w->v + last * NX * NT, NT);
-    for (int t = last - 1; t >= 0; t--) {
-        const double *stage = w->blocks + t * BLOCKS, *next = w->v + (t + 1) * NX * NT;
-        double *G = w->G + t * NU * PC, *v = w->v + t * NX * NT;
-        memset(right, 0, NU * NT * sizeof(double));
-        sparse_scatter(&PATTERN_U, stage, -1, right, NT);
-        sparse_rows(&PATTERN_B, stage, 1, 1, next, right, NT, NT);
-        memset(G, 0, NU * PC * sizeof(double));
-        multiply_add(NU, NU, NT, 1, w->M + t * NU * NU, NU, right, NT, G + NX, PC);
-        for (int i = 0; i < NU; i++)
-            for (int j = 0; j < NX; j++) G[i * PC + j] = -w->K[(t * NU + i) * NX + j];
-        if (t == 0) break;
-        memset(v, 0, NX * NT * sizeof(double));
-        sparse_scatter(&PATTERN_X, stage, -1, v, NT);
-        sparse_rows(&PATTERN_A, stage, 1, 1, next, v, NT, NT);
-        multiply_add(NX, NU, NT, -1, w->L + t * NX * NU, NU, G + NX, PC, v, NT);
-    }
+    const int sample = t * ND + i * SAMPLES;
+    const double *arguments[] = {z + t * SZ + i * STATES, w->samples + sample,
+                                 w->precision + sample, w->view_numbers};
+    double *results[] = {out};
+    function(arguments, results, 0, 0, 0);
 }
 
-/* (E7): Z = d z / d (x_1, theta) on the linearised conditions, into w->Z */
-API void sensitivities(Work *w)
+/* sum of squared observation errors; its gradient (T, SZ) in the places of x */
+API double observation_loss(const Work *w, const double *z, double *gradient)
 {
-    const int last = w->horizon - 1;
-    feedback(w);
-    memset(w->Z, 0, (size_t)w->horizon * SZ * PC * sizeof(double));
-    for (int i = 0; i < NX; i++) w->Z[i * PC + i] = 1;
-    for (int t = 0; t < last; t++) {
-        const double *stage = w->blocks + t * BLOCKS, *G = w->G + t * NU * PC;
-        const double *V = w->V + (t + 1) * NX * NX, *v = w->v + (t + 1) * NX * NT;
-        double *Zx = w->Z + t * SZ * PC, *Zu = Zx + OFF_U * PC, *next = Zx + SZ * PC;
-        double *costates = Zx + OFF_L * PC;
-        multiply_add(NU, NX, PC, 1, G, PC, Zx, PC, Zu, PC);
-        for (int i = 0; i < NU; i++)
-            for (int j = NX; j < PC; j++) Zu[i * PC + j] += G[i * PC + j];
-        sparse_rows(&PATTERN_A, stage, 1, 0, Zx, next, PC, PC);
-        sparse_rows(&PATTERN_B, stage, 1, 0, Zu, next, PC, PC);
-        multiply_add(NX, NX, PC, -1, V, NX, next, PC, costates, PC);
-        for (int i = 0; i < NX; i++)
-            for (int j = 0; j < NT; j++) costates[i * PC + NX + j] += v[i * NT + j];
+    double sum = 0, result[1 + STATES];
+    for (int t = 0; t < w->horizon; t++) {
+        for (int i = 0; i < PLAYERS; i++) {
+            loss_values(w, loss, z, t, i, result);
+            sum += result[0];
+            memcpy(gradient + t * SZ + i * STATES, result + 1, STATES * sizeof(double));
+        }
+        memset(gradient + t * SZ + NX, 0, (SZ - NX) * sizeof(double));
     }
+    return sum;
 }
 
 /* What stage t adds to half of W_t of (E9): the sum of it and its transpose is meant */
@@ -126,8 +103,7 @@ static void step_back(const Work *w, int t, Quadratic *q, double *W, double *spa
     add_carried(stage, W, space, q->half);
 
     multiply_add(NU, NU, PC, 1, q->controls, NU, G, PC, q->mixed, PC);
-    memset(space, 0, PC * NU * sizeof(double));
-    add_transposed(NU, PC, G, PC, space, NU);
+    transpose(NU, PC, G, PC, space, NU);
     multiply_add(PC, NU, PC, 1, space, NU, q->mixed, PC, q->half, PC);
     for (int i = 0; i < PC; i++)
         for (int j = 0; j <= i; j++)

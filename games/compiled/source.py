@@ -18,16 +18,43 @@ from olne_bench.games.compiled.stage_functions import StageFunctions
 from olne_bench.games.compiled.stage_patterns import Pattern
 from olne_bench.games.compiled.terms import FUNCTIONS
 
+#: What is compiled behind the functions of a structure: for one game at a time, and for four.
+_ONE = ("stages", "constraints", "elimination", "newton", "sensitivities", "reduction", "response")
+_FOUR = ("stages", "elimination", "newton", "sensitivities")
+
+
+#: How C spells what CasADi calls ``casadi_inf`` and ``casadi_nan``.
+_LIMITS = {"inf": "INFINITY", "nan": "NAN"}
+
 
 @lru_cache(maxsize=64)
 def source_of(stages: StageFunctions) -> str:
     """The C source of a structure of games."""
-    head = "".join(f"#define {name} {value}\n" for name, value in _sizes(stages).items())
-    folder = files("olne_bench.games.compiled")
-    names = ["elimination.c", "reduction.c", "response.c"]
-    names += ["interior.c"] if stages.constraints else []
-    body = "".join(folder.joinpath(name).read_text() for name in names)
-    return head + _functions(stages) + body.replace("DEFINITIONS", _definitions(stages))
+    names = [*_ONE, "interior"] if stages.constraints else _ONE
+    parts = [text_of("one"), _functions(stages), *map(text_of, names)]
+    return _defines(_sizes(stages)) + "".join(parts).replace("DEFINITIONS", _definitions(stages))
+
+
+@lru_cache(maxsize=64)
+def source_of_four(stages: StageFunctions) -> str:
+    """The C source of Newton's method and sensitivities for four games at a time.
+
+    The games have no constraints; nothing of it depends on the observation model.
+    """
+    sizes = _sizes(stages) | {"CURVATURE": 0, "SAMPLES": 0, "LOSS_HESSIAN": 0}
+    without = "#define add_equations(...)\n#define add_condensed(...)\n#define definite(M) 1\n"
+    parts = [text_of("four"), _functions_of_four(stages), without, *map(text_of, _FOUR)]
+    lines = [*_stage_patterns(stages), *_terms(stages, FUNCTIONS[:4])]
+    return _defines(sizes) + "".join(parts).replace("DEFINITIONS", "\n".join(lines))
+
+
+def text_of(name: str) -> str:
+    """A C file of this folder."""
+    return files("olne_bench.games.compiled").joinpath(f"{name}.c").read_text()
+
+
+def _defines(sizes: dict[str, int]) -> str:
+    return "".join(f"#define {name} {value}\n" for name, value in sizes.items())
 
 
 def _sizes(stages: StageFunctions) -> dict[str, int]:
@@ -71,14 +98,52 @@ def _functions(stages: StageFunctions) -> str:
     for k, pair in enumerate(stages.constraint_kinds):
         groups |= {f"constraint{k}_{last}": one.functions for last, one in enumerate(pair)}
     groups |= {f"equation{k}": one.functions for k, one in enumerate(stages.complementarity_kinds)}
+    named = [
+        ca.Function(f"{group}_{name}", function.sx_in(), function.call(function.sx_in()))
+        for group, functions in groups.items()
+        for name, function in functions.items()
+    ]
+    code = _generated([*named, stages.loss.value, stages.loss.hessian])
+    return f"#define CASADI_SYMBOL_EXPORT static\n{code}"
+
+
+def _generated(functions: Sequence[ca.Function]) -> str:
     generator = ca.CodeGenerator("stages", {"casadi_int": "int"})
-    for group, functions in groups.items():
-        for name, function in functions.items():
-            arguments = function.sx_in()
-            generator.add(ca.Function(f"{group}_{name}", arguments, function.call(arguments)))
-    generator.add(stages.loss.value)
-    generator.add(stages.loss.hessian)
-    return f"#define CASADI_SYMBOL_EXPORT static\n{without_checks(generator.dump())}"
+    for function in functions:
+        generator.add(function)
+    return without_checks(generator.dump())
+
+
+def _functions_of_four(stages: StageFunctions) -> str:
+    """CasADi's C code of values and Jacobians, with the names and types of ``four.c``."""
+    return four_of(
+        [
+            ca.Function(f"term{k}_{name}", own.sx_in(), own.call(own.sx_in()))
+            for k, kind in enumerate(stages.kinds)
+            for name, own in kind.functions.items()
+            if name in FUNCTIONS[:4]
+        ]
+    )
+
+
+def four_of(functions: Sequence[ca.Function]) -> str:
+    """CasADi's C code of functions by their names, for four games at a time behind ``four.c``."""
+    code = _generated(functions)
+    bodies = re.findall(r"^static int casadi_f\d+\(.*?^}\n", code, re.M | re.S)
+    names = [f"#define {function.name()} casadi_f{k}\n" for k, function in enumerate(functions)]
+    return "".join([*map(_in_four, bodies), *names])
+
+
+def _in_four(code: str) -> str:
+    """The body of a C function by CasADi, with the names and types of ``four.c``."""
+    code = re.sub(r"casadi_real|\bdouble\b", "real", code).replace("casadi_int", "int")
+    code = re.sub(r"=(?:casadi_)?([a-z]\w*)\(", r"=\1_at(", code)
+    code = re.sub(r"=(-?[\d.][\w.+-]*);", r"=same(\1);", code)
+    code = re.sub(r"=casadi_(inf|nan);", lambda found: f"=same({_LIMITS[found[1]]});", code)
+    code = re.sub(r"=\((\w+)(<|<=|==|!=)(\w+)\);", r"=flag_at(\1\2\3);", code)
+    code = re.sub(r"=\((\w+)(&|\|)\2(\w+)\);", r"=flag_at((\1!=0)\2(\3!=0));", code)
+    code = re.sub(r"=\(!(\w+)\);", r"=flag_at(\1==0);", code)
+    return re.sub(r"=\((\w+)\?(\w+):0\);", r"=where(\1!=0,\2,same(0));", code)
 
 
 def without_checks(code: str) -> str:
@@ -94,29 +159,37 @@ def without_checks(code: str) -> str:
 
 
 def _definitions(stages: StageFunctions) -> str:
-    """Patterns, kinds of terms and terms, as ``elimination.c`` needs them."""
-    lines = _patterns("PATTERN", stages.blocks) + _patterns("FINAL", stages.final_blocks)
+    """Patterns, kinds of terms and terms, as ``stages.c`` needs them."""
+    lines = _stage_patterns(stages)
     lines += _patterns("PATTERN", [stages.curvature]) + _patterns("FINAL", [stages.final_curvature])
     for k, name in enumerate(("LOSS_PLACES", "FINAL_LOSS_PLACES")):
         rows = [_integers(places[k]) for places in stages.loss_indices]
         lines.append(f"static const int *const {name}[PLAYERS] = {_braces(rows)};")
-    kinds, terms = [], []
-    for index, kind in enumerate(stages.kinds):
-        names = [f"term{index}_{name}" for name in FUNCTIONS]
-        outputs = [kind.functions[name].numel_out(0) for name in FUNCTIONS]
-        own = [_integers(kind.own_places(name)) for name in FUNCTIONS[:4]]
-        kinds.append(_braces([_braces(names), _braces(outputs), _braces(own)]))
-    for term in stages.terms:
-        indices = _braces(map(_integers, term.indices.values()))
-        head = f"KINDS + {term.kind}", term.owner, len(term.players)
-        terms.append(_braces([*head, _integers(term.players), indices]))
     owned: list[list[int]] = [[] for _ in range(stages.num_players)]
     for index, term in enumerate(stages.terms):
         owned[term.owner].append(index)
     lists = [_braces([len(own), _integers(own)]) for own in owned]
-    lines += [_table("Kind KINDS[]", kinds), _table("Term TERMS[]", terms)]
-    lines += [_table("TermsOf TERMS_OF[PLAYERS]", lists)]
+    lines += [*_terms(stages, FUNCTIONS), _table("TermsOf TERMS_OF[PLAYERS]", lists)]
     return "\n".join([*lines, *_constraints(stages), *_equations(stages)])
+
+
+def _stage_patterns(stages: StageFunctions) -> list[str]:
+    return _patterns("PATTERN", stages.blocks) + _patterns("FINAL", stages.final_blocks)
+
+
+def _terms(stages: StageFunctions, functions: Sequence[str]) -> list[str]:
+    """Kinds of terms with some of their functions, and terms."""
+    kinds, terms = [], []
+    for index, kind in enumerate(stages.kinds):
+        names = [f"term{index}_{name}" for name in functions]
+        outputs = [kind.functions[name].numel_out(0) for name in functions]
+        own = [_integers(kind.own_places(name)) for name in FUNCTIONS[:4]]
+        kinds.append(_braces([_braces(names), _braces(outputs), _braces(own)]))
+    for term in stages.terms:
+        places = [term.indices[name] for name in functions if name in term.indices]
+        head = f"KINDS + {term.kind}", term.owner, len(term.players)
+        terms.append(_braces([*head, _integers(term.players), _braces(map(_integers, places))]))
+    return [_table("Kind KINDS[]", kinds), _table("Term TERMS[]", terms)]
 
 
 def _constraints(stages: StageFunctions) -> list[str]:

@@ -22,7 +22,7 @@ from olne_bench.games.model.game import Player
 from olne_bench.games.model.numbers import Structure, numbers_of, with_symbols
 from olne_bench.games.model.unknowns import at_means, unknowns_of, with_unknowns
 
-#: Functions of a term, in the order of ``elimination.c``.
+#: Functions of a term, in the order of ``stages.c``.
 FUNCTIONS = (
     *("value", "final_value", "jacobian", "final_jacobian", "hessian", "final_hessian"),
     *("cost", "final_cost", "motion"),

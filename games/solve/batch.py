@@ -185,9 +185,10 @@ class _Search:
         self.states = initial_states.shape[1]
         changes = np.hstack([initial_states - self.point[0, : self.states], weights - self.weights])
         columns = self.solver.sensitivities().reshape(self.point.size, -1)
-        points = self.point + (changes @ columns.T).reshape(len(changes), *self.point.shape)
+        points = (changes[:, None] @ columns.T).reshape(-1, *self.point.shape)
+        points += self.point
         points[:, 0, : self.states] = initial_states  # exact, without rounding
-        residuals, iterations = self._improve(points, weights, factorised=True)
+        residuals, iterations = self._improve(points, weights, factorised=len(points) == 1)
         helpers, helper_points = changes[:0], points[:0]
         for _ in range(self.rounds):
             solved = residuals < self.tolerance

@@ -69,24 +69,52 @@ def test_newton_returns_an_undefined_start_as_it_is(
     assert not root.residual < math.inf
 
 
-def test_a_factorisation_serves_several_steps_and_games(
-    scenario: Scenario, equilibrium: Equilibrium
-) -> None:
+def test_a_factorisation_serves_several_steps(scenario: Scenario, equilibrium: Equilibrium) -> None:
     game, solver = scenario.game, elimination(scenario.game)
     limits = {"tolerance": 1e-10, "max_iterations": 20, "limit": 10.0}
-    point = rows(game, equilibrium.states, equilibrium.controls, equilibrium.costates)
-    starts = np.repeat(point[None], 3, axis=0)
-    starts[:, 0, :8] += 1e-3 * np.random.default_rng(0).standard_normal((3, 8))
-    theta = np.repeat(scenario.weights.reshape(1, -1), 3, axis=0)
-    fresh, warm = starts.copy(), starts.copy()
+    point = rows(game, equilibrium.states, equilibrium.controls, equilibrium.costates)[None]
+    start, theta = point.copy(), scenario.weights.reshape(1, -1)
+    start[:, 0, :8] += 1e-3 * np.random.default_rng(0).standard_normal(8)
+    fresh, warm = start.copy(), start.copy()
     residuals, used = solver.newton(fresh, theta, **limits)
-    assert (residuals < 1e-10).all()
-    assert used.tolist() == [1, 0, 0]
-    assert solver.linearise(point, theta[0])
+    assert (residuals[0] < 1e-10, used[0]) == (True, 1)
+    assert solver.linearise(point[0], theta[0])
     residuals, used = solver.newton(warm, theta, factorised=True, **limits)
-    assert (residuals < 1e-10).all()
-    assert used.sum() == 0
+    assert (residuals[0] < 1e-10, used[0]) == (True, 0)
     np.testing.assert_allclose(fresh, warm, atol=1e-7)
+    with pytest.raises(ValueError, match="not near the starts of 2 games"):
+        solver.newton(
+            np.repeat(start, 2, axis=0), np.repeat(theta, 2, axis=0), factorised=True, **limits
+        )
+
+
+def test_what_becomes_of_a_game_does_not_depend_on_others(
+    scenario: Scenario, equilibrium: Equilibrium
+) -> None:
+    """Neither on their order nor on their number, whether they are solved or not."""
+    solver = elimination(scenario.game)
+    limits = {"tolerance": 1e-10, "max_iterations": 6, "limit": 10.0}
+    point = rows(scenario.game, equilibrium.states, equilibrium.controls, equilibrium.costates)
+    rng = np.random.default_rng(3)
+    starts = point + np.geomspace(1e-3, 1, 23)[:, None, None] * rng.standard_normal(point.shape)
+    starts[:, -1, 8:] = 0
+    starts[7] = np.nan
+    theta = rng.dirichlet(np.ones(4), size=(23, 2)).reshape(23, -1)
+    theta[11] = 0  # singular
+    together = starts.copy()
+    residuals, used = solver.newton(together, theta, **limits)
+    assert 5 < (residuals < 1e-10).sum() < 20
+    for chosen in (rng.permutation(23), np.arange(5), np.array([20, 2])):
+        some = starts[chosen]
+        found, needed = solver.newton(some, theta[chosen], **limits)
+        np.testing.assert_array_equal(found, residuals[chosen])
+        np.testing.assert_array_equal(needed, used[chosen])
+        np.testing.assert_array_equal(some, together[chosen])
+    for k in (0, 1, 7, 11):
+        alone = starts[k : k + 1].copy()
+        found, needed = solver.newton(alone, theta[k : k + 1], **limits)
+        assert needed[0] == used[k]
+        np.testing.assert_allclose(alone[0], together[k], atol=1e-9)
 
 
 @pytest.mark.parametrize("which", ["weights", "initial state"])
@@ -129,7 +157,12 @@ def test_a_batch_is_what_single_solves_give(
         alone = newton_root(
             scenario.game, start, equilibrium.controls, equilibrium.costates, nearby[k]
         )
-        np.testing.assert_allclose(batch.states[k], alone.states, atol=1e-7)
+        np.testing.assert_allclose(batch.states[k], alone.states, atol=1e-9)
+    order = rng.permutation(len(nearby))
+    shuffled = solve_batch(
+        scenario.game, nearby[order], equilibrium, scenario.weights, initial_states=initial[order]
+    )
+    np.testing.assert_array_equal(shuffled.states, batch.states[order])
 
 
 def test_a_batch_goes_far_in_steps_and_tells_what_it_could_not_solve(
