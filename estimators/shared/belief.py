@@ -16,6 +16,7 @@ depend on later ones.
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import product
 
 import numpy as np
@@ -154,10 +155,7 @@ def moments_of_weights(mean: np.ndarray, covariance: np.ndarray, chart: NormalCh
     By Gauss-Hermite quadrature.
     """
     free = chart.num_weights - 1
-    nodes, factors = hermegauss(_NODES)
-    steps = np.array(list(product(nodes, repeat=free)))
-    shares = np.array([np.prod(one) for one in product(factors, repeat=free)])
-    shares /= shares.sum()
+    steps, shares = _quadrature(free)
     means, slopes, rests = [], [], []
     for i, k in enumerate(range(0, len(mean), free)):
         own = covariance[k : k + free, k : k + free]
@@ -173,6 +171,15 @@ def moments_of_weights(mean: np.ndarray, covariance: np.ndarray, chart: NormalCh
         rests.append((away.T * shares) @ away - slope @ own @ slope.T)
     slope = block_diag(*slopes)
     return Gaussian(np.concatenate(means), slope @ covariance @ slope.T + block_diag(*rests))
+
+
+@lru_cache(maxsize=16)
+def _quadrature(free: int) -> tuple[np.ndarray, np.ndarray]:
+    """Points (M, free) of a standard normal distribution, and their shares (M,)."""
+    nodes, factors = hermegauss(_NODES)
+    steps = np.array(list(product(nodes, repeat=free)))
+    shares = np.array([np.prod(one) for one in product(factors, repeat=free)])
+    return steps, shares / shares.sum()
 
 
 def symmetric_root(matrix: np.ndarray) -> np.ndarray:

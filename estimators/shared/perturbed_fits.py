@@ -208,9 +208,11 @@ def tempered(log_weights: np.ndarray, enough: float) -> tuple[np.ndarray, float]
 
 def effective_sample_size(log_weights: np.ndarray) -> float:
     """(sum w)^2 / sum w^2 of weights by their logarithms; zero if all weights are."""
-    if not np.isfinite(log_weights).any():
+    largest = log_weights.max(initial=-np.inf)
+    if not np.isfinite(largest):
         return 0.0
-    return float(np.exp(2 * logsumexp(log_weights) - logsumexp(2 * log_weights)))
+    weights = np.exp(log_weights - largest)
+    return float(weights.sum() ** 2 / (weights @ weights))
 
 
 def perturbed_fits(

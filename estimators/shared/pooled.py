@@ -231,7 +231,7 @@ class SharedDensity:
                 wide = np.zeros((len(kept), self.size))
                 wide[:, columns] = derivative[kept]
                 row.append(wide)
-        joined, roots, none = (np.empty(count, dtype=object) for _ in range(3))
+        joined, roots = (np.empty(count, dtype=object) for _ in range(2))
         for k in range(count):
             joined[k] = np.vstack(rows[k])
             roots[k] = tuple(own.at(np.array([k])) for own in found)
@@ -239,7 +239,7 @@ class SharedDensity:
         whole = np.hstack(errors)
         whole[~possible] = 0.0
         tilts = self.chart.tilt(points[:, :free])
-        return Places(points, whole, joined, possible, roots, none, tilts, none)
+        return Places(points, whole, joined, possible, roots, tilts)
 
 
 def _stacked(places: Sequence[Places]) -> Places:

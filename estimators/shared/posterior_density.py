@@ -5,8 +5,8 @@ which holds all errors over their standard deviations, those of the prior as wel
 
 A point is (z, x_1): coordinates of weights and unknowns in which their prior is standard normal
 (``charts``), and the initial state. Its errors are those of the expected samples over sigma, and z.
-A game starts from the first-order prediction of the one at the place before, and is refined by
-Newton's method. So points stay on the branch of equilibria from which they come.
+A game starts from the one at the place before, and is found by Newton's method. So points stay on
+the branch of equilibria from which they come.
 
 Players that the first sample misses have a prior of their initial states. A flat one does not do:
 where accelerating costs little, a player gets from nearly anywhere to its first sample. So the
@@ -63,9 +63,7 @@ class Places:
         rows: (B,) arrays (O, d), its derivatives, which are not copied where places are.
         possible: (B,) whether F has a value.
         roots: (B, ...) what further points are followed from; only the density reads it.
-        responses: (B, ...) its derivative, or (B,) objects that hold one each.
         tilts: (B,) what the log of the density has beside -|F|^2 / 2.
-        details: (B, ...) what else only the density reads.
     """
 
     points: np.ndarray
@@ -73,9 +71,7 @@ class Places:
     rows: np.ndarray
     possible: np.ndarray
     roots: np.ndarray
-    responses: np.ndarray
     tilts: np.ndarray
-    details: np.ndarray
 
     def __len__(self) -> int:
         return len(self.points)
@@ -193,17 +189,11 @@ class GameDensity:
         on_chart = (np.abs(points[:, : self.chart.size]) <= _FARTHEST).all(axis=1)
         points = np.where(on_chart[:, None], points, near.points)
         theta, jacobian = self.chart.at(points[:, : self.chart.size])
-        start, old_start = points[:, self.chart.size :], near.points[:, self.chart.size :]
-        flat = len(points), -1
-        before = np.hstack([old_start, near.details.reshape(flat)])
-        after = np.hstack([start, theta.reshape(flat)])
-        roots, width = near.roots.copy(), _width(self.problem)
-        for root, response, change in zip(roots, near.responses, after - before, strict=True):
-            root += response @ change.astype(np.float32)
-        roots[:, 0, :width] = after[:, :width]  # exact, without rounding
+        roots = near.roots.copy()
+        roots[:, 0, : _width(self.problem)] = points[:, self.chart.size :]
         residuals, _ = self._solver.newton(
             roots,
-            theta.reshape(flat),
+            theta.reshape(len(points), -1),
             tolerance=self._tolerance,
             max_iterations=_FACTORISATIONS,
             limit=max(0.0, self.deadline - time.monotonic()),
@@ -253,12 +243,11 @@ class GameDensity:
         errors = errors.reshape(len(points), -1)[:, seen] / problem.sigma
         believed, slope = self._prior(points)
         errors = np.hstack([errors, believed])
-        rows, responses, possible = self._derivatives(
-            theta, jacobian, roots, possible, slopes / problem.sigma, slope
-        )
+        rows, regular = self._derivatives(theta, jacobian, roots, slopes / problem.sigma, slope)
+        possible = possible & regular
         errors[~possible] = 0.0
         tilts = self.chart.tilt(points[:, : self.chart.size])
-        return Places(points, errors, rows, possible, roots, responses, tilts, theta)
+        return Places(points, errors, rows, possible, roots, tilts)
 
     def _prior(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Errors of the prior (B, P) at points (B, d), and their derivative (P, d)."""
@@ -274,46 +263,31 @@ class GameDensity:
         theta: np.ndarray,
         jacobian: np.ndarray,
         roots: np.ndarray,
-        possible: np.ndarray,
         seen: np.ndarray,
         believed: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Derivatives of the errors and of the roots, and which roots (B,) are regular.
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the errors, (B,) arrays (O, d), and which roots (B,) are regular.
 
         Args:
             theta: (B, N, K + U).
             jacobian: (B, N*(K+U), size) its derivative.
             roots: (B, T, s).
-            possible: (B,).
             seen: (B, T, N, d, n) h_x over sigma.
             believed: (P, d) derivative of the errors of the prior.
-
-        Returns:
-            (B,) arrays (O, d), (B,) arrays (T, s, C) in (x_1, theta), (B,). The second ones are in
-            single precision, which is enough for predictions.
         """
-        solver, d = self._solver, believed.shape[1]
+        count, width, size = len(roots), _width(self.problem), self.chart.size
+        flat = theta.reshape(count, -1)
+        changes, regular = self._solver.observe_sensitivities(roots, flat, seen)
+        changes = changes.reshape(count, -1, changes.shape[-1])
         there = np.isfinite(self.observation.y).ravel()
-        width, columns = _width(self.problem), _width(self.problem) + theta[0].size
-        rows, responses = (np.empty(len(roots), dtype=object) for _ in range(2))
-        count, size = int(there.sum()), self.chart.size
-        no_row = np.zeros((count + len(believed), d))
-        no_response = np.zeros((*roots[0].shape, columns), dtype=np.float32)
-        possible = possible.copy()
-        for k in range(len(roots)):
-            possible[k] = possible[k] and solver.linearise(roots[k], theta[k].ravel())
-            if not possible[k]:
-                rows[k], responses[k] = no_row, no_response
-                continue
-            response = solver.sensitivities()
-            states = response[:, :width].reshape(*seen.shape[1:3], -1, columns)
-            changes = (seen[k] @ states).reshape(-1, columns)
-            changes = changes if count == len(changes) else changes[there]
-            rows[k] = row = np.empty_like(no_row)
-            np.matmul(changes[:, width:], jacobian[k], out=row[:count, :size])
-            row[:count, size:], row[count:] = changes[:, :width], believed
-            responses[k] = response.astype(np.float32)
-        return rows, responses, possible
+        changes = changes if there.all() else changes[:, there]
+        samples, rows = changes.shape[1], np.empty(count, dtype=object)
+        for k in range(count):
+            rows[k] = row = np.zeros((samples + len(believed), believed.shape[1]))
+            if regular[k]:
+                np.matmul(changes[k, :, width:], jacobian[k], out=row[:samples, :size])
+                row[:samples, size:], row[samples:] = changes[k, :, :width], believed
+        return rows, regular
 
     def _seen(self, states: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Expected samples (B, T, N, d) of states (B, T, N*n), and h_x (B, T, N, d, n)."""

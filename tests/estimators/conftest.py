@@ -69,9 +69,7 @@ class Known:
         errors[~possible], derivative[~possible] = 0.0, 0.0
         nothing, rows = np.zeros((len(points), 0)), np.empty(len(points), dtype=object)
         rows[:] = list(derivative)
-        return Places(
-            points, errors, rows, possible, nothing, nothing, np.zeros(len(points)), nothing
-        )
+        return Places(points, errors, rows, possible, nothing, np.zeros(len(points)))
 
 
 class Densities:
