@@ -74,8 +74,9 @@ static inline real sine(real x, int quarters)
     const real even = ((((-1.13596475577881948265e-11 * z + 2.08757232129817482790e-9) * z
                          - 2.75573143513906633035e-7) * z + 2.48015872894767294178e-5) * z
                        - 1.38888888888741095749e-3) * z + 4.16666666666666019037e-2;
-    const real value = where(-(quarter & 1), 1 - (0.5 * z - z * z * even), rest + rest * z * odd);
-    return (real)((mask)value ^ ((quarter & 2) << 62));
+    const real value =
+        where((quarter & 1) != 0, 1 - (0.5 * z - z * z * even), rest + rest * z * odd);
+    return where((quarter & 2) != 0, -value, value);
 }
 
 #define FAR 1e5 /* beyond, as many quarters are not counted exactly */

@@ -158,6 +158,24 @@ def test_newton_takes_shorter_steps_where_whole_ones_lead_astray() -> None:
     assert shortened > 0
 
 
+@pytest.mark.parametrize("count", [1, 6])
+def test_sensitivities_of_samples_are_those_of_states(count: int) -> None:
+    """Of one game and of many, whatever is beside a game that is singular."""
+    case = Case("two players")
+    solver, steps = elimination(case.game), case.game.horizon
+    rng = np.random.default_rng(0)
+    z = case.z + 0.01 * rng.standard_normal((count, *case.z.shape))
+    theta = np.repeat(case.theta[None], count, axis=0)
+    theta[3:4] = 0
+    seen = rng.standard_normal((count, steps, 2, 3, 4))
+    found, regular = solver.observe_sensitivities(z, theta, seen)
+    assert regular.tolist() == [k != 3 for k in range(count)]
+    for k in np.flatnonzero(regular):
+        assert solver.linearise(z[k], theta[k])
+        states = solver.sensitivities()[:, : case.nx].reshape(steps, 2, 4, -1)
+        np.testing.assert_allclose(found[k], seen[k] @ states, rtol=1e-9, atol=1e-9)
+
+
 def test_a_singular_stage_is_reported() -> None:
     """Without any cost on motion nothing determines the controls."""
     scenario = get_scenario("two_player")
