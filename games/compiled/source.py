@@ -19,9 +19,8 @@ from olne_bench.games.compiled.stage_patterns import Pattern
 from olne_bench.games.compiled.terms import FUNCTIONS
 
 #: What is compiled behind the functions of a structure: for one game at a time, and for four.
-_ONE = ("stages", "constraints", "elimination", "newton", "sensitivities", "reduction", "response")
-_FOUR = ("stages", "elimination", "newton", "sensitivities")
-
+_FOUR = ("stages.c", "elimination.c", "newton.c", "sensitivities.c")
+_ONE = ("stages.c", "constraints.c", *_FOUR[1:], "reduction.c", "response.c")
 
 #: How C spells what CasADi calls ``casadi_inf`` and ``casadi_nan``.
 _LIMITS = {"inf": "INFINITY", "nan": "NAN"}
@@ -30,8 +29,8 @@ _LIMITS = {"inf": "INFINITY", "nan": "NAN"}
 @lru_cache(maxsize=64)
 def source_of(stages: StageFunctions) -> str:
     """The C source of a structure of games."""
-    names = [*_ONE, "interior"] if stages.constraints else _ONE
-    parts = [text_of("one"), _functions(stages), *map(text_of, names)]
+    names = [*_ONE, "interior.c"] if stages.constraints else _ONE
+    parts = [text_of("one.c"), _functions(stages), *map(text_of, names)]
     return _defines(_sizes(stages)) + "".join(parts).replace("DEFINITIONS", _definitions(stages))
 
 
@@ -43,14 +42,14 @@ def source_of_four(stages: StageFunctions) -> str:
     """
     sizes = _sizes(stages) | {"CURVATURE": 0, "SAMPLES": 0, "LOSS_HESSIAN": 0}
     without = "#define add_equations(...)\n#define add_condensed(...)\n#define definite(M) 1\n"
-    parts = [text_of("four"), _functions_of_four(stages), without, *map(text_of, _FOUR)]
+    parts = [text_of("four.c"), _functions_of_four(stages), without, *map(text_of, _FOUR)]
     lines = [*_stage_patterns(stages), *_terms(stages, FUNCTIONS[:4])]
     return _defines(sizes) + "".join(parts).replace("DEFINITIONS", "\n".join(lines))
 
 
 def text_of(name: str) -> str:
     """A C file of this folder."""
-    return files("olne_bench.games.compiled").joinpath(f"{name}.c").read_text()
+    return files("olne_bench.games.compiled").joinpath(name).read_text()
 
 
 def _defines(sizes: dict[str, int]) -> str:
