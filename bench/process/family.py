@@ -9,7 +9,7 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from pathlib import Path
 
@@ -22,6 +22,8 @@ _IN_MEMORY = ("/memfd:", "/dev/shm/")
 _QUIET_LOOKS = 3
 #: After this time [s], a family that forks faster than it can be killed is given up.
 _KILL_SECONDS = 10.0
+#: How often a process is looked at while its end is waited for [s].
+_LOOK_SECONDS = 0.005
 
 
 _adopts = False
@@ -51,6 +53,16 @@ def end_with_parent(parent: int) -> None:
 def has_descendants(pid: int) -> bool:
     """Whether a process has children that have not been waited for."""
     return any(_children(pid))
+
+
+def ends_within(ended: Callable[[], bool], seconds: float) -> bool:
+    """Whether a process has ended, as ``ended`` says, after so many seconds at most."""
+    deadline = time.monotonic() + seconds
+    while not ended():
+        if time.monotonic() > deadline:
+            return False
+        time.sleep(_LOOK_SECONDS)
+    return True
 
 
 def has_ended(pid: int) -> bool:

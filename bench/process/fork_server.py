@@ -7,7 +7,6 @@ import signal
 import socket
 import sys
 import tempfile
-import time
 from collections import deque
 from collections.abc import Sequence
 from contextlib import suppress
@@ -16,10 +15,10 @@ from typing import BinaryIO
 
 from olne_bench.bench.process import fork_loop
 from olne_bench.bench.process.channel import Channel
-from olne_bench.bench.process.family import has_ended, kill_family
-from olne_bench.bench.process.fork_loop import as_request
+from olne_bench.bench.process.family import ends_within, has_ended, kill_family
+from olne_bench.bench.process.fork_loop import Order, as_request
 from olne_bench.bench.process.messages import StartError
-from olne_bench.bench.process.nursery import Born, Order, foreign_variables, search_path
+from olne_bench.bench.process.nursery import Birth, Born, foreign_variables, search_path
 from olne_bench.bench.process.reachable import Reach
 from olne_bench.bench.process.sandbox import scopes_signals
 from olne_bench.games.compiled.compiler import reader_environment
@@ -31,8 +30,6 @@ _START_SECONDS = 300.0
 _ANSWER_SECONDS = 60.0
 #: How long a server may take to end its forks and itself [s].
 _END_SECONDS = 2.0
-#: How often a process is looked at while its end is waited for [s].
-_LOOK_SECONDS = 0.005
 #: Most of what one process prints that a log keeps [bytes].
 _MOST_LOG = 2**20
 
@@ -76,11 +73,8 @@ class Forked:
 
     def exit_code(self, seconds: float) -> int | None:
         """Its exit code, negative for a signal; None if it is still running after ``seconds``."""
-        deadline = time.monotonic() + seconds
-        while not self.ended():
-            if time.monotonic() > deadline:
-                return None
-            time.sleep(_LOOK_SECONDS)
+        if not ends_within(self.ended, seconds):
+            return None
         self.stop()
         with suppress(ServerGoneError):
             return self._server.answer("code", _ANSWER_SECONDS)
@@ -136,9 +130,9 @@ class ForkServer:
         ours, theirs = socket.socketpair()
         home = Path(self._home.name)
         variables = foreign_variables() | reader_environment(home / "cache")
-        order = Order(search_path(), self._home.name, modules, serves_forks=True)
+        birth = Birth(search_path(), self._home.name, modules, serves_forks=True)
         with theirs, Path(os.devnull).open("ab") as output:
-            given = order, theirs, output, variables | {"TMPDIR": str(home)}
+            given = birth, theirs, output, variables | {"TMPDIR": str(home)}
             try:
                 self._process = Born(*given, seconds=_START_SECONDS)
             except StartError:
@@ -166,7 +160,7 @@ class ForkServer:
         folder = Path(tempfile.mkdtemp(dir=self._home.name))  # its name tells no number of trials
         ours, theirs = socket.socketpair()
         log = folder.with_suffix(".log").open("w+b", buffering=0)
-        order = fork_loop.Order(str(folder), memory, has_children)
+        order = Order(str(folder), memory, has_children)
         with theirs:
             self._ask("pid", as_request(order), (theirs.fileno(), log.fileno()))
         forked = Forked(self, Channel(ours), folder, log)

@@ -17,7 +17,6 @@ import subprocess
 import sys
 import tempfile
 import threading
-import time
 import traceback
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -28,7 +27,12 @@ from typing import IO, Any
 
 from olne_bench.bench.process import fork_loop, inside
 from olne_bench.bench.process.arithmetic import same_arithmetic
-from olne_bench.bench.process.family import has_ended, kill_descendants, kill_family
+from olne_bench.bench.process.family import (
+    ends_within,
+    has_ended,
+    kill_descendants,
+    kill_family,
+)
 from olne_bench.bench.process.fork_loop import receive, send
 from olne_bench.bench.process.messages import StartError
 
@@ -36,8 +40,6 @@ from olne_bench.bench.process.messages import StartError
 _ANSWER_SECONDS = 60.0
 #: How long a nursery may take to end [s].
 _END_SECONDS = 2.0
-#: How often a process is looked at while its end is waited for [s].
-_LOOK_SECONDS = 0.005
 #: Signals that end a process; pygame, which HighwayEnv imports, would end it by another one.
 _FATAL = (signal.SIGILL, signal.SIGFPE, signal.SIGBUS, signal.SIGSEGV)
 #: Variables that a process of foreign code receives, by name and by the beginning of a name.
@@ -49,7 +51,7 @@ _FAMILIES = (
 
 
 @dataclass(frozen=True)
-class Order:
+class Birth:
     """A process to be forked; its connection, its log and its variables are passed beside this.
 
     Attributes:
@@ -74,7 +76,7 @@ class Born:
 
     def __init__(
         self,
-        order: Order,
+        birth: Birth,
         connection: socket.socket,
         output: IO[Any],
         variables: Mapping[str, str],
@@ -83,7 +85,7 @@ class Born:
         """Have it forked.
 
         Args:
-            order: what is wanted.
+            birth: what is wanted.
             connection: its end of the connection to this process.
             output: where it prints.
             variables: of its environment.
@@ -97,7 +99,7 @@ class Born:
             file.write(json.dumps(dict(variables)).encode())
             file.seek(0)
             passed = connection.fileno(), output.fileno(), file.fileno()
-            self._pid = self._nursery.ask({"fork": asdict(order)}, passed, seconds)
+            self._pid = self._nursery.ask({"fork": asdict(birth)}, passed, seconds)
         self._code = self._nursery.end() if self._pid is None else None
 
     @property
@@ -112,11 +114,8 @@ class Born:
 
     def exit_code(self, seconds: float) -> int | None:
         """Its exit code, negative for a signal; None if it is still running after ``seconds``."""
-        deadline = time.monotonic() + seconds
-        while not self.ended():
-            if time.monotonic() > deadline:
-                return None
-            time.sleep(_LOOK_SECONDS)
+        if not ends_within(self.ended, seconds):
+            return None
         if self._code is None:
             code = self._nursery.ask({"end": self.pid})
             self._code = -int(signal.SIGKILL) if code is None else code
@@ -242,7 +241,7 @@ def _serve(control: socket.socket) -> None:
             if "end" in asked:
                 said = _end_of(asked["end"])
             else:
-                said = _fork(control, Order(**asked["fork"]), *descriptors)
+                said = _fork(control, Birth(**asked["fork"]), *descriptors)
             send(control, {"said": said})
     kill_descendants(os.getpid())
     os._exit(0)
@@ -256,9 +255,9 @@ def _end_of(pid: int) -> int:
         return -int(signal.SIGKILL)
 
 
-def _fork(control: socket.socket, order: Order, connection: int, output: int, file: int) -> int:
+def _fork(control: socket.socket, birth: Birth, connection: int, output: int, file: int) -> int:
     """Fork a process that serves this one's parent; returns its process id."""
-    for name in order.modules:
+    for name in birth.modules:
         with suppress(Exception):  # whoever needs it will say so
             import_module(name)
     gc.freeze()  # a fork's collections leave its pages alone
@@ -276,13 +275,13 @@ def _fork(control: socket.socket, order: Order, connection: int, output: int, fi
         for descriptor in (1, 2):
             os.dup2(output, descriptor)
         os.close(output)
-        if order.has_children:
+        if birth.has_children:
             _have_nursery(connection, file)
-        _move_in(order, file)
-        if order.serves_forks:
+        _move_in(birth, file)
+        if birth.serves_forks:
             fork_loop.serve(connection)
         else:
-            inside.serve(connection, own, order.memory)
+            inside.serve(connection, own, birth.memory)
         code = 0
     except BaseException:
         traceback.print_exc()
@@ -303,13 +302,13 @@ def _have_nursery(*private: int) -> None:
     _own = Nursery(ours)
 
 
-def _move_in(order: Order, file: int) -> None:
+def _move_in(birth: Birth, file: int) -> None:
     """Take the folder, the search path and the variables that were passed."""
     with open(file, "rb") as variables:
         for name in filter(_is_told, [*os.environ]):  # what imports have set stays
             del os.environ[name]
         os.environ.update(json.loads(variables.read()))
-    sys.path[:] = order.path
+    sys.path[:] = birth.path
     tempfile.tempdir = None
     with suppress(OSError):  # it may be gone
-        os.chdir(order.folder)
+        os.chdir(birth.folder)

@@ -11,7 +11,7 @@ from typing import Any
 from olne_bench.bench.process.arithmetic import same_arithmetic
 from olne_bench.bench.process.channel import Channel
 from olne_bench.bench.process.messages import StartError
-from olne_bench.bench.process.nursery import Born, Order, search_path
+from olne_bench.bench.process.nursery import Birth, Born, search_path
 
 
 class Started(Born):
@@ -42,12 +42,12 @@ class Started(Born):
             StartError: if it takes longer.
         """
         ours, theirs = socket.socketpair()
-        order = Order(search_path(), _folder(), modules, memory=memory, has_children=has_children)
+        birth = Birth(search_path(), _folder(), modules, memory=memory, has_children=has_children)
         with theirs, ExitStack() as stack:
             place = Path(os.devnull) if log is None and sys.__stderr__ is None else log
             output: Any = stack.enter_context(place.open("ab")) if place else sys.__stderr__
             try:
-                super().__init__(order, theirs, output, os.environ | same_arithmetic(), seconds)
+                super().__init__(birth, theirs, output, os.environ | same_arithmetic(), seconds)
             except StartError:
                 ours.close()
                 raise
