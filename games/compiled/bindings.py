@@ -69,11 +69,10 @@ def _signatures() -> dict[str, tuple[object, list[object]]]:
     """Types of results and arguments of the functions of ``elimination.c`` and its companions."""
     work, real, integer = ctypes.POINTER(Work), ctypes.c_double, ctypes.c_int
     vector, rows = vector_pointer(1), vector_pointer(2)
-    new_vector, new_rows, new_batch = (vector_pointer(ndim, output=True) for ndim in (1, 2, 3))
-    seen, new_slopes = vector_pointer(5), vector_pointer(5, output=True)
+    new_vector, new_rows = (vector_pointer(ndim, output=True) for ndim in (1, 2))
     counts = ndpointer(dtype=np.int32, ndim=1, flags=("C_CONTIGUOUS", "WRITEABLE"))
     flags = ndpointer(dtype=np.bool_, ndim=2, flags="C_CONTIGUOUS")
-    return {
+    return _of_batches() | {
         "work_size": (integer, []),
         "evaluate": (None, [work, rows, vector, new_rows]),
         "observation_loss": (real, [work, rows, new_rows]),
@@ -92,6 +91,27 @@ def _signatures() -> dict[str, tuple[object, list[object]]]:
         "expand": (None, [work, vector, new_rows]),
         "costs": (None, [work, rows, vector, new_vector]),
         "response_space": (integer, [integer]),
+        "interior_space": (integer, [integer]),
+        "interior_options": (integer, []),
+        "interior": (
+            integer,
+            [
+                *(work, vector, vector, flags, integer, real, real, integer),
+                *(new_rows, new_rows, new_vector, counts, new_vector),
+            ],
+        ),
+    }
+
+
+def _of_batches() -> dict[str, tuple[object, list[object]]]:
+    """The same of those that take several games or plans, or several rounds."""
+    work, real, integer = ctypes.POINTER(Work), ctypes.c_double, ctypes.c_int
+    vector, rows, batch, seen = (vector_pointer(ndim) for ndim in (1, 2, 3, 5))
+    new_vector, new_rows, new_batch, new_slopes = (
+        vector_pointer(ndim, output=True) for ndim in (1, 2, 3, 5)
+    )
+    counts = ndpointer(dtype=np.int32, ndim=1, flags=("C_CONTIGUOUS", "WRITEABLE"))
+    return {
         "responses": (
             None,
             [
@@ -109,15 +129,6 @@ def _signatures() -> dict[str, tuple[object, list[object]]]:
         ),
         "observe_sensitivities": (
             None,
-            [work, integer, integer, vector_pointer(3), rows, seen, new_slopes, counts],
-        ),
-        "interior_space": (integer, [integer]),
-        "interior_options": (integer, []),
-        "interior": (
-            integer,
-            [
-                *(work, vector, vector, flags, integer, real, real, integer),
-                *(new_rows, new_rows, new_vector, counts, new_vector),
-            ],
+            [work, integer, integer, batch, rows, seen, new_slopes, counts],
         ),
     }

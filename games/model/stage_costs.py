@@ -4,13 +4,15 @@ Worlds need them step by step; ``games.solve.kkt.KktSystem.cost_function`` is th
 episode.
 """
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import casadi as ca
 
 from olne_bench.games.model.costs import Stage
-from olne_bench.games.model.game import Game
+from olne_bench.games.model.dynamics import Dynamics
+from olne_bench.games.model.game import Game, Player
 
 
 @dataclass(frozen=True)
@@ -33,17 +35,28 @@ def stage_costs(game: Game) -> StageCosts:
     states = ca.SX.sym("x", dynamics.state_size, count)
     controls = ca.SX.sym("u", dynamics.control_size, count)
     weights = ca.SX.sym("theta", game.num_weights, count)
-    rows = tuple(ca.horzsplit(states))
-
-    running, final = [], []
-    for i, player in enumerate(game.players):
-        moving = Stage(i, rows, controls[:, i], dynamics, game.dt)
-        resting = Stage(i, rows, None, dynamics, game.dt)
-        running.append(player.running_cost(moving, weights[:, i]))
-        final.append(player.final_cost(resting, weights[:, i]))
+    x, u, theta = (ca.horzsplit(symbol) for symbol in (states, controls, weights))
+    running, final = written_costs(game.players, x, u, theta, dynamics, game.dt)
     return StageCosts(
         running=ca.Function(
             "running", [states, controls, weights], [ca.densify(ca.vertcat(*running))]
         ),
         final=ca.Function("final", [states, weights], [ca.densify(ca.vertcat(*final))]),
+    )
+
+
+def written_costs(
+    players: Sequence[Player],
+    states: Sequence[ca.SX],
+    controls: Sequence[ca.SX],
+    weights: Sequence[ca.SX],
+    dynamics: Dynamics,
+    dt: ca.SX | float,
+) -> tuple[list[ca.SX], list[ca.SX]]:
+    """The costs of a step and of the last state, one of each player, with its own symbols."""
+    moving = [Stage(i, tuple(states), own, dynamics, dt) for i, own in enumerate(controls)]
+    each = list(zip(players, moving, weights, strict=True))
+    return (
+        [player.running_cost(stage, own) for player, stage, own in each],
+        [player.final_cost(replace(stage, control=None), own) for player, stage, own in each],
     )

@@ -18,7 +18,7 @@ motion; with them (Laine et al. 2021) LQ games converge in fewer rounds. Second 
 strategies are left out by both.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache
 
 import casadi as ca
@@ -26,9 +26,9 @@ import numpy as np
 
 from olne_bench.games.compiled.buffered import BufferedFunction
 from olne_bench.games.model.constraints import refuse_constraints
-from olne_bench.games.model.costs import Stage
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.numbers import Structure, structure_and_numbers, with_symbols
+from olne_bench.games.model.stage_costs import written_costs
 from olne_bench.games.solve.olne import solve_olne
 
 #: Largest |a|, in units of controls, at which a motion counts as an equilibrium.
@@ -81,7 +81,6 @@ def solve_feedback(
     initial_state: np.ndarray,
     *,
     initial_controls: np.ndarray | None = None,
-    initial_gains: np.ndarray | None = None,
     max_iterations: int = 100,
 ) -> FeedbackEquilibrium:
     """Find a feedback Nash equilibrium; ``converged`` says whether one was found.
@@ -91,7 +90,6 @@ def solve_feedback(
         weights: (N, K), non-negative, scaled to row sums of one.
         initial_state: (N, n).
         initial_controls: (T-1, N, m) of the first motion; those of the open-loop game if None.
-        initial_gains: (T-1, N, m, N*n) strategies of the first motion; zeros if None.
         max_iterations: LQ games at most.
 
     Raises:
@@ -103,11 +101,11 @@ def solve_feedback(
     theta, start = game.check_weights(weights), game.check_initial_state(initial_state)
     if initial_controls is None:
         initial_controls = solve_olne(game, theta, start).controls
-    shape = game.control_shape[0], int(np.prod(game.control_shape[1:])), start.size
-    plan = np.asarray(initial_controls, dtype=float).reshape(shape[:2])
-    gains = np.zeros(shape) if initial_gains is None else np.reshape(initial_gains, shape)
+    plan = np.asarray(initial_controls, dtype=float)
+    plan = plan.reshape(game.horizon - 1, plan[0].size)
     still = np.tile(start.ravel(), (game.horizon, 1))
-    return _LqGame(game, theta).solved(still, plan, gains, max_iterations, None)
+    open_loop = np.zeros((*plan.shape, start.size))
+    return _LqGame(game, theta).solved(still, plan, open_loop, max_iterations, None)
 
 
 def certify_feedback(
@@ -157,6 +155,7 @@ class _Answer:
     gains: np.ndarray  # (T-1, Nm, Nn) P
     offsets: np.ndarray  # (T-1, Nm) a
     curvatures: np.ndarray  # (T-1, N, m, m) each player's own second derivative in (F3)
+    costs: np.ndarray  # (N,) J^i of the motion
 
     @property
     def size(self) -> float:
@@ -215,13 +214,11 @@ class _LqGame:
         game, least = self._game, -np.inf
         if np.isfinite(answer.size):
             least = float(np.linalg.eigvalsh(answer.curvatures).min())
-        steps = self._functions.steps(answer.x[:-1], answer.u, *self._known)
-        final = self._functions.final(answer.x[-1], *self._known)[0]
         return FeedbackEquilibrium(
             states=answer.x.reshape(game.state_shape),
             controls=answer.u.reshape(game.control_shape),
             gains=answer.gains.reshape(*game.control_shape, self._states),
-            costs=steps[:, : self.count].sum(axis=0) + final[: self.count],
+            costs=answer.costs,
             residual=answer.residual,
             least_curvature=least,
             iterations=iterations,
@@ -240,7 +237,7 @@ class _LqGame:
         """(F1) to (F5); controls that are not free (Nm,) keep their gains (T-1, Nm, Nn)."""
         states, controls = self._states, self._controls
         steps, players, fixed = len(u), np.arange(self.count), ~free
-        motion, squares, slopes, bends, Z, zeta = self._expanded(x, u)
+        costs, motion, squares, slopes, bends, Z, zeta = self._expanded(x, u)
         gains, offsets = kept.copy(), np.where(free, np.inf, np.zeros((steps, controls)))
         curvatures = np.empty((steps, self.count, self.own, self.own))
         follow, still = np.eye(states + controls, states), np.zeros(states + controls)
@@ -266,23 +263,23 @@ class _LqGame:
             follow[states:], still[states:] = -gains[t], -offsets[t]
             zeta = (pull + whole @ still) @ follow
             Z = follow.T @ whole @ follow
-        return _Answer(x, u, gains, offsets, curvatures)
+        return _Answer(x, u, gains, offsets, curvatures, costs)
 
     def _expanded(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, ...]:
-        """(F1): (T-1, ...) [A B], H, g and second derivatives of the motion; Z_T and zeta_T."""
+        """(F1): costs, (T-1, ...) [A B], H, g and second derivatives of the motion; Z_T, zeta_T."""
         count, n, own, states = self.count, self.size, self.size + self.own, self._states
         both, steps = states + self._controls, len(u)
         parts = self._functions.steps(x[:-1], u, *self._known)
         shapes = (states, both), (count, both, both), (count, both), (count, n, own, own)
         ends = np.cumsum([count, *map(np.prod, shapes)])
-        cut = np.split(parts, ends[:-1], axis=1)[1:]
+        running, *cut = np.split(parts, ends[:-1], axis=1)
         motion, squares, slopes, bends = (
             part.reshape(steps, *shape) for part, shape in zip(cut, shapes, strict=True)
         )
-        last = self._functions.final(x[-1], *self._known)[0, count:]
-        Z, zeta = np.split(last, [count * states**2])
-        shape = count, states, states
-        return motion, squares, slopes, bends, Z.reshape(shape), zeta.reshape(count, states)
+        last = self._functions.final(x[-1], *self._known)[0]
+        final, Z, zeta = np.split(last, [count, count + count * states**2])
+        ending = Z.reshape(count, states, states), zeta.reshape(count, states)
+        return running.sum(axis=0) + final, motion, squares, slopes, bends, *ending
 
 
 @dataclass(frozen=True)
@@ -301,17 +298,12 @@ def _functions(structure: Structure, steps: int) -> _Functions:
     x, u = ca.SX.sym("x", count * n), ca.SX.sym("u", count * m)
     theta = ca.SX.sym("theta", count * each)
     numbers = ca.SX.sym("numbers", count * structure.num_numbers)
-    rows, plans = tuple(ca.vertsplit(x, n)), ca.vertsplit(u, m)
+    rows, plans = ca.vertsplit(x, n), ca.vertsplit(u, m)
     weights, own = ca.vertsplit(theta, each), ca.vertsplit(numbers, structure.num_numbers)
     dt = numbers[0]
     after = [dynamics.step(a, b, dt) for a, b in zip(rows, plans, strict=True)]
-    running, final = [], []
-    for i, player in enumerate(
-        with_symbols(p, own[i][1:]) for i, p in enumerate(structure.players)
-    ):
-        moving = Stage(i, rows, plans[i], dynamics, dt)
-        running.append(player.running_cost(moving, weights[i]))
-        final.append(player.final_cost(replace(moving, control=None), weights[i]))
+    players = [with_symbols(p, known[1:]) for p, known in zip(structure.players, own, strict=True)]
+    running, final = written_costs(players, rows, plans, weights, dynamics, dt)
     motion, both = ca.vertcat(*after), ca.vertcat(x, u)
     bends = [
         ca.hessian(part, ca.vertcat(a, b))[0]
