@@ -15,7 +15,7 @@ import pandas as pd
 from olne_bench.envs.tracks.fronts import centred, travel
 from olne_bench.envs.tracks.road import (
     MOST_MAP_BYTES,
-    NO_LANE,
+    UNREADABLE,
     Road,
     RoadLane,
     curves_through,
@@ -77,7 +77,7 @@ def _rows(
             yield _row(obstacle, state, dt)
         except _UncertainError:
             problems["uncertain"] += 1
-        except NO_LANE:
+        except UNREADABLE:
             problems["not readable"] += 1
     for why, count in problems.items():
         left_out.setdefault(why, []).append(f"{count} states of obstacle {number}")

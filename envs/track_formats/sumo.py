@@ -20,6 +20,7 @@ from olne_bench.envs.tracks.road import (
     curves_through,
     left_out,
     read_lanes,
+    with_lanes,
 )
 from olne_bench.envs.tracks.table import COLUMNS, Tracks, no_parts, plain_float
 from olne_bench.envs.tracks.text import MOST_BYTES, read_bytes, read_xml
@@ -104,12 +105,8 @@ def read_net(path: Path) -> Road:
             for lane in edge.findall("lane")
             if _is_for_cars(lane)
         }
-        road = read_lanes(
-            {name: following.get(name, []) for name in lanes}, lambda name: _lane(lanes[name])
-        )
-        if road.notes and not road.lanes:
-            raise ValueError(road.notes[0].removeprefix("left out: "))
-        return road
+        named = {name: following.get(name, []) for name in lanes}
+        return with_lanes(read_lanes(named, lambda name: _lane(lanes[name])))
 
 
 def _lane(lane: ElementTree.Element) -> RoadLane:

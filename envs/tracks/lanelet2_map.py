@@ -16,6 +16,7 @@ from olne_bench.envs.tracks.road import (
     curves_through,
     left_out,
     read_lanes,
+    with_lanes,
 )
 from olne_bench.envs.tracks.table import plain_float
 from olne_bench.envs.tracks.text import read_xml
@@ -39,10 +40,7 @@ def read_lanelets(path: Path, origin: tuple[float, float] | None = None) -> Road
         root = read_xml("road file", path, MOST_MAP_BYTES, "osm")
         borders, wrong = _borders(root, origin)
         road = read_lanes(_following(borders) if borders else {}, lambda name: _lane(borders[name]))
-        notes = (*left_out(wrong), *road.notes)
-        if not road.lanes:
-            raise ValueError(notes[0].removeprefix("left out: "))
-        return replace(road, notes=notes)
+        return with_lanes(replace(road, notes=(*left_out(wrong), *road.notes)))
 
 
 def _borders(

@@ -100,8 +100,9 @@ class Road:
         )
 
 
-#: What reading a lane raises on one that is wrong.
-NO_LANE: tuple[type[Exception], ...] = (*MALFORMED, AttributeError, TypeError, UserError)
+_LEFT_OUT = "left out: "
+#: What reading a lane, or another element of a file, raises on one that is wrong.
+UNREADABLE: tuple[type[Exception], ...] = (*MALFORMED, AttributeError, TypeError, UserError)
 
 
 def read_lanes(following: Mapping[str, Sequence[str]], lane: Callable[[str], RoadLane]) -> Road:
@@ -114,7 +115,7 @@ def read_lanes(following: Mapping[str, Sequence[str]], lane: Callable[[str], Roa
     for name in following:
         try:
             lanes[name] = lane(name)
-        except NO_LANE as error:
+        except UNREADABLE as error:
             wrong[name] = reason(error)
     lanes = {
         name: replace(one, following=tuple(_beyond(following, following[name], wrong)))
@@ -123,10 +124,17 @@ def read_lanes(following: Mapping[str, Sequence[str]], lane: Callable[[str], Roa
     return Road(lanes, left_out([f"lane {name!r}: {why}" for name, why in wrong.items()]))
 
 
+def with_lanes(road: Road) -> Road:
+    """The road; ValueError, with the first reason, if all of its lanes were left out."""
+    if road.notes and not road.lanes:
+        raise ValueError(road.notes[0].removeprefix(_LEFT_OUT))
+    return road
+
+
 def left_out(wrong: Sequence[str]) -> tuple[str, ...]:
     """A note on the first of those that are left out, if any are."""
     more = f", and {len(wrong) - 1} more" if len(wrong) > 1 else ""
-    return (f"left out: {wrong[0]}{more}",) if wrong else ()
+    return (f"{_LEFT_OUT}{wrong[0]}{more}",) if wrong else ()
 
 
 def _beyond(
