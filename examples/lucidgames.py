@@ -23,6 +23,7 @@ from types import SimpleNamespace
 from typing import ClassVar
 
 import numpy as np
+from scipy.special import softmax
 
 from olne_bench import solve_olne
 from olne_bench.estimators.protocol import Observation, Problem
@@ -81,8 +82,6 @@ class LucidGames:
             filtered.correct(batch.states[:, 1].reshape(len(points), -1), y[t + 1].ravel(), noise)
             filtered.covariance += self.wander**2 * np.eye(len(mean))
             root = Root(root.states[1:], root.controls[1:], root.costates[1:], root.residual)
-            if part.horizon == 2:
-                break
         return SimpleNamespace(weights=_weights(filtered.mean, shape))
 
 
@@ -120,9 +119,7 @@ class _Filter:
 
 def _weights(logarithms: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
     """Rows (..., N, K) that sum to one."""
-    free = logarithms.reshape(*logarithms.shape[:-1], *shape)
-    shares = np.exp(free - free.max(axis=-1, keepdims=True))
-    return np.asarray(shares / shares.sum(axis=-1, keepdims=True))
+    return np.asarray(softmax(logarithms.reshape(*logarithms.shape[:-1], *shape), axis=-1))
 
 
 def _failed(
