@@ -83,7 +83,7 @@ def board_table(tables: RunTables, study: Study = USUAL) -> pd.DataFrame:
     there is no score; ``failures`` of ``trials``; ``milliseconds``; ``ranked, floor, unranked``.
     """
     boards, table = board_rows(tables.scores, study), tables.leaderboard
-    errors = [name for name in errors_of_board(tables, study) if f"{name}_median" in table]
+    errors = list(errors_of_board(tables, study))
     kinds = {name: (f"{name}_median", "median") for name in errors}
     rows = table.groupby("estimator").agg(
         all_failures=("failures", "sum"),

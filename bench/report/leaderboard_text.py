@@ -58,8 +58,11 @@ def format_board(tables: RunTables, study: Study = USUAL) -> str:
     """The board for a terminal: the verdict, a row for each estimator, and what is shown."""
     rows = board_table(tables, study)
     columns: dict[str, Any] = {"Estimator": [_tagged(row, study) for _, row in rows.iterrows()]}
-    ends = rows[["score", "score_low", "score_high"]].itertuples(index=False)
-    columns["Score"] = [_with_ends(*end) for end in ends]
+    scores = rows[["score", "score_low", "score_high"]].itertuples(index=False)
+    columns["Score"] = [
+        _plain(score) if math.isnan(ends[0]) else _with_ends(*map(_plain, (score, *ends)))
+        for score, *ends in scores
+    ]
     for name, head in errors_of_board(tables, study).items():
         columns[head] = rows[name].map(_plain)
     counts = rows[["failures", "trials"]].itertuples(index=False)
@@ -75,10 +78,8 @@ def _tagged(row: Any, study: Study) -> str:
     return one_line(row["estimator"]) + (f" ({said})" if said else "")
 
 
-def _with_ends(middle: float, low: float, high: float) -> str:
-    if math.isnan(low):
-        return _plain(middle)
-    return f"{_plain(middle)} [{_plain(low)}, {_plain(high)}]"
+def _with_ends(middle: str, low: str, high: str) -> str:
+    return f"{middle} [{low}, {high}]"
 
 
 def _wrapped(text: str) -> str:
@@ -149,7 +150,7 @@ def _cells(table: pd.DataFrame, metric: MetricDeclaration, markup: _Markup) -> l
     if not metric.compared:
         return [number(value) for value in table[f"{metric.name}_median"]]
     quartiles = table[[f"{metric.name}_{name}" for name in ("median", "q25", "q75")]].map(number)
-    return [f"{middle} [{low}, {high}]" for middle, low, high in quartiles.itertuples(index=False)]
+    return [_with_ends(*told) for told in quartiles.itertuples(index=False)]
 
 
 def _plain(value: float) -> str:

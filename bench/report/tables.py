@@ -30,6 +30,8 @@ from olne_bench.bench.report.study import IDENTIFIABLE, USUAL, Study
 
 #: Tables of runs whose drivers have temperaments.
 _OF_DRIVERS = {"temperaments", "confusions"}
+#: Those that terminal and page tell in words.
+_TOLD = {"harness_errors", "failures", "notes"}
 
 
 @dataclass(frozen=True)
@@ -52,9 +54,7 @@ class RunTables:
 
     def by_name(self) -> dict[str, pd.DataFrame]:
         """The tables that are written to the run folder, by name."""
-        left = {"harness_errors", "failures", "notes"} | (
-            set() if len(self.temperaments) else _OF_DRIVERS
-        )
+        left = _TOLD | (set() if len(self.temperaments) else _OF_DRIVERS)
         return {name: table for name, table in vars(self).items() if name not in left}
 
 
