@@ -127,7 +127,25 @@ def test_a_failure_counts_as_uniform_and_never_pays() -> None:
     truth = told["estimator"] == "uniform"  # equal weights happen to be the truth
     told.loc[truth, "position_error"] = 0.0
     table = whole(score_table(log_errors(told, STUDY), STUDY))
-    assert table.loc["map", "score"] == pytest.approx(0.8**0.9)  # as the worst other one
+    assert table.loc["map", "score"] == pytest.approx(0.8**0.9)  # as the paper's method
+
+
+def test_a_bad_estimator_moves_no_score_of_another() -> None:
+    told = trials(FACTORS)
+    told.loc[(told["estimator"] == "map") & (told["seed"] == 0), "status"] = "crash"
+    worse = told["position_error"].where(told["estimator"] != "bilevel", 1e3)
+    before = whole(score_table(log_errors(told, STUDY), STUDY))
+    after = whole(score_table(log_errors(told.assign(position_error=worse), STUDY), STUDY))
+    assert after.loc["bilevel", "score"] > 100
+    others = before.index.drop("bilevel")
+    assert after.loc[others, "score"].tolist() == before.loc[others, "score"].tolist()
+
+
+def test_where_nobody_guesses_a_failure_counts_as_the_largest_error_of_its_trial() -> None:
+    told = trials({"bilevel": 2.0, "map": 1.0, "ridge": 3.0})
+    told.loc[(told["estimator"] == "bilevel") & (told["seed"] == 0), "status"] = "crash"
+    table = whole(score_table(log_errors(told, STUDY), STUDY))
+    assert table.loc["bilevel", "score"] == pytest.approx(2**0.9 * 3**0.1)
 
 
 def test_without_the_papers_method_the_first_one_is_the_reference() -> None:
