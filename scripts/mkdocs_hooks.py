@@ -140,6 +140,7 @@ def _cell(cell: NotebookNode) -> str:
     source, language = cell.source, "python"
     if source.startswith("%%sh\n"):
         source, language = source.removeprefix("%%sh\n"), "sh"
+    source = source.replace("%%writefile ", "# ", 1)
     printed = "".join(
         output.text
         for output in cell.outputs

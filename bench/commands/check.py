@@ -16,12 +16,15 @@ def check(
     chosen = dict(name_and_value("--parameter", text) for text in parameters)
     found = identify(plugin, chosen, kind)  # bad input ends here
     failed = 0
+    said: dict[str, str] = {}  # messages, and the check that said each first
     limit = int(memory * 2**30)
     checks = run_checks(found, absolute(plugin), chosen, budget=budget, memory=limit)
     for name, outcome in checks:
         failed += outcome.status != "ok"
         verdict = "FAIL" if outcome.status != "ok" else "weak" if outcome.message else "pass"
-        click.echo(f"{verdict}  {name}{': ' if outcome.message else ''}{outcome.message}")
+        first = said.setdefault(outcome.message, name)
+        message = outcome.message if first == name else f"the same as in {first!r}"
+        click.echo(f"{verdict}  {name}{f': {message}' if outcome.message else ''}")
         if outcome.status == "timeout":
             click.echo("the plugin hangs: the remaining checks are skipped")
     if failed:

@@ -127,12 +127,16 @@ def _say_assumptions(scenario: str, dt: float, assumptions: Sequence[Assumption]
 
 
 def _table(players: list[str], names: Sequence[str], fit: Fit) -> pd.DataFrame:
-    """Weights, and their standard errors where they are known, one row per player."""
+    """Weights, standard errors where known, and what speaks against them; a row per player."""
     table = pd.DataFrame(fit.result.weights, columns=list(names))
     table.insert(0, "player", players)
     errors = fit.standard_errors
     if errors is not None:
         table[[f"{name}_error" for name in names]] = errors
+    table["converged"] = fit.result.converged
+    table["residual"] = np.nan if fit.residuals is None else fit.residuals
+    table["noise"] = fit.problem.sigma
+    table["fit"], table["fit_p"] = fit.test.verdict, fit.test.p
     return table
 
 
@@ -180,8 +184,10 @@ def _say_doubts(players: list[str], fit: Fit, source: str) -> None:
 
 def _find_intervals(table: pd.DataFrame, fit: Fit, seconds: float) -> None:
     """Add intervals to the table of weights, as far as they are found in time, and say them."""
+    deadline = time.monotonic() + seconds
     with _stage("intervals", seconds):
-        intervals = fit.intervals(time.monotonic() + seconds)
+        intervals = fit.intervals(deadline)
+    late = time.monotonic() > deadline
     if intervals is None:
         return
     shown = table[["player"]].copy()
@@ -192,11 +198,9 @@ def _find_intervals(table: pd.DataFrame, fit: Fit, seconds: float) -> None:
     click.echo("95 % intervals:")
     click.echo(shown.to_string(index=False))
     if np.isnan(intervals).any():
-        click.echo(
-            f"?: not found within {seconds:.3g} s, or the game cannot be followed so far; a longer "
-            "--budget finds more",
-            err=True,
-        )
+        slow = f"?: not found within {seconds:.3g} s; a longer --budget finds more"
+        lost = "?: the fit cannot be followed so far; the data may not limit this weight"
+        click.echo(slow if late else lost, err=True)
 
 
 def _shown_end(value: float) -> str:

@@ -125,7 +125,7 @@ def _truth(axes: Axes, scene: Scene) -> None:
     """Draw the true paths, numbered where they start, with the cars at their ends."""
     for i, path in enumerate(scene.truth.states.swapaxes(0, 1)):
         axes.plot(*scene.plane(path), color="black", linewidth=1, linestyle=_TRUTH_STYLE)
-        _car(axes, scene, path[0], "black", label=str(i + 1))
+        _car(axes, scene, path[0], "black", label=str(i))
         _car(axes, scene, path[-1], "black")
 
 
@@ -133,7 +133,7 @@ def _entries(scene: Scene) -> list[tuple[Artist, str]]:
     """Entries of a legend: the truth, each player's colour, and where cars are at the end."""
     truth = Line2D([], [], color="black", linewidth=1, linestyle=_TRUTH_STYLE)
     players: list[tuple[Artist, str]] = [
-        (Line2D([], [], color=player_colour(i)), f"player {i + 1}")
+        (Line2D([], [], color=player_colour(i)), f"player {i}")
         for i in range(scene.truth.states.shape[1])
     ]
     end = Patch(facecolor=to_rgba("black", 0.15), edgecolor="black")

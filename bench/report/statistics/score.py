@@ -3,8 +3,9 @@
 It is the geometric mean over trials with noise of an error over the reference's in the same trial,
 of draws that all ranked estimators share; 0.79 reads: errors are 21 % smaller. A failure counts as
 the larger error of ``uniform`` and the paper's method in its trial, so that no estimator moves
-another's score. Intervals resample draws within scenarios, and tests change the signs of whole draws: in a family a draw is a seed with
-all its noise levels and sensors, in a fixed scenario one noise with all sensors.
+another's score. Intervals resample draws within scenarios, and tests change the signs of whole
+draws: in a family a draw is a seed with all its noise levels and sensors, in a fixed scenario one
+noise with all sensors.
 """
 
 from collections.abc import Iterator, Sequence

@@ -349,6 +349,8 @@ def test_players_who_start_as_those_of_a_fixed_scenario_have_their_targets(tmp_p
     truth = get_scenario("highway_overtaking")
     estimated = table[list(truth.game.weight_names)]
     np.testing.assert_allclose(estimated, truth.weights, atol=1e-3)
+    assert table["converged"].all() and (table["residual"] < 1e-3).all()
+    assert set(table["fit"]) <= {"fits", "not testable"} and (table["noise"] > 0).all()
 
 
 def test_targets_from_the_data_are_named_and_warned_of(tmp_path, capsys):
@@ -572,12 +574,16 @@ def test_intervals_are_told_in_time_and_an_open_end_is_marked(capsys, monkeypatc
     monkeypatch.setattr(Fit, "intervals", lambda _, deadline: asked.append(deadline) or ends)
     found, before = fit_of(), time.monotonic()
     table = estimating._table(["one", "two"], found.problem.weight_names, found)
+    estimating._find_intervals(table, found, 0.0)
+    err = capsys.readouterr().err
+    assert "not found within 0 s" in err and "a longer --budget finds more" in err
+    asked.clear()
     estimating._find_intervals(table, found, 7.0)
     assert before + 7 <= asked[0] <= time.monotonic() + 7
     out, err = capsys.readouterr()
     rows = [" ".join(line.split()) for line in out.splitlines()]
     assert rows[rows.index("95 % intervals:") + 2].startswith("one 0.050 to 0.450 0.050 to ?")
-    assert "not found within 7 s" in err and "--budget" in err
+    assert "cannot be followed" in err and "--budget" not in err  # there was time
     name = found.problem.weight_names[0]
     assert table[f"{name}_low"].tolist() == [0.05, 0.05]
     assert table[f"{name}_high"].tolist() == [0.45, 0.45]

@@ -176,6 +176,14 @@ def test_an_honest_weak_estimator_is_called_weak_and_conforms(plugin, capsys):
     assert last.endswith("conforms")
 
 
+def test_a_fault_that_many_checks_find_is_described_once(plugin, capsys):
+    with pytest.raises(SystemExit):
+        main(["check", f"{plugin}:OtherPlayers", "--budget", "8"])
+    said = capsys.readouterr().out
+    assert said.count("FAIL  ") == 7
+    assert said.count(": the same as in 'shapes and simplex'") == 5  # one says which problem it was
+
+
 @pytest.mark.parametrize("name", [name for name in CHECKS if name != "recovers a noise-free toy"])
 def test_harmless_estimators_pass(plugin, name):
     assert check(f"{plugin}:Good", name).status == "ok"

@@ -77,7 +77,7 @@ function drawTrial(sample, scene, shown, t) {
   scene.truth.forEach((path, i) => {
     plane.car(path[t], ink, { radius: 7.5 });
     c.fillStyle = css("--card");
-    c.fillText(i + 1, plane.x(path[t][0]), plane.y(path[t][1]) + 0.5);
+    c.fillText(i, plane.x(path[t][0]), plane.y(path[t][1]) + 0.5);
   });
 }
 
@@ -99,7 +99,7 @@ function fillEstimates(scene, shown) {
   const names = scenario().scene.weights;
   table.tBodies[0].replaceChildren(...scene.weights.flatMap((own, i) => own.map((value, k) => {
     const row = document.createElement("tr");
-    row.insertCell().textContent = i + 1;
+    row.insertCell().textContent = i;
     row.insertCell().textContent = names[k];
     [value, ...shown.map((p) => (p.weights ? p.weights[i][k] : null))].forEach((weight) => {
       const cell = row.insertCell();
