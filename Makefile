@@ -44,7 +44,7 @@ setup: $(VENV)/.installed
 learners: $(VENV)/.learners
 
 # Ranks need some draws, and these take minutes. `make roads` goes on with them.
-PART = --seeds 20 \
+PART = --seeds 10 \
 	$(addprefix --scenario ,highway merge two_way roundabout intersection merging) \
 	$(addprefix --estimator ,kkt_constrained map ridge kkt_residual uniform) \
 	$(addprefix --sensor ,full partial) \

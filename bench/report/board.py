@@ -125,8 +125,8 @@ def board_note(rows: pd.DataFrame, study: Study = USUAL) -> str:
     return (
         f"Score: geometric mean of {first.label} over that of {told.iloc[0]} in the same trials "
         "with noise; 0.79 is 21 % smaller. In brackets: its 95 % bootstrap interval over draws, "
-        "from six draws on. A failure counts as the error of uniform, or as the largest in its "
-        "trial. Errors are medians over the same trials. Those marked 'prior' know how true "
+        "from six draws on. A failure counts as the larger error of uniform and the reference "
+        "there. Errors are medians over the same trials. Those marked 'prior' know how true "
         "weights are drawn; floors do not rank."
     )
 

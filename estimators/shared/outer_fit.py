@@ -26,8 +26,9 @@ from olne_bench.estimators.shared.forward_model import (
 )
 from olne_bench.games.compiled.elimination import elimination
 
-#: Relative change of error and unknowns at which the search ends.
-_TOLERANCE = 1e-9
+#: Relative change of error and unknowns at which a search ends; that of a profile knows its error
+#: to 1e-4 noise levels squared, and comes to an end where the finer one runs out of evaluations.
+_TOLERANCE, _PROFILE_TOLERANCE = 1e-9, 1e-7
 
 NO_TIME = "time limit reached"
 
@@ -60,6 +61,7 @@ class OuterResiduals:
         pull: float = 0.0,
     ) -> None:
         self.games, self.blocked = games, False
+        self._played: tuple[np.ndarray, tuple[SolvedGame, ...] | None] | None = None
         self._deadline, self._pull = deadline, pull
         self._problem, self._chart = problem, chart
         self._samples = [scaled_samples(problem, one.y) for one in observations]
@@ -85,7 +87,7 @@ class OuterResiduals:
         upper[self._chart.size : self._shared] = high[self._used]
         return lower, upper
 
-    def minimised(self, max_evaluations: int) -> OptimizeResult:
+    def minimised(self, max_evaluations: int, tolerance: float = _TOLERANCE) -> OptimizeResult:
         """Gauss-Newton from the games, with a trust region.
 
         Raises:
@@ -99,9 +101,9 @@ class OuterResiduals:
             jac=self.jacobian,
             bounds=(lower, upper),
             x_scale="jac",
-            ftol=_TOLERANCE,
-            xtol=_TOLERANCE,
-            gtol=_TOLERANCE,
+            ftol=tolerance,
+            xtol=tolerance,
+            gtol=tolerance,
             max_nfev=max_evaluations,
         )
 
@@ -176,6 +178,12 @@ class OuterResiduals:
         return theta_of(self._chart.weights(unknowns[: self._chart.size]), parameters)
 
     def _play(self, unknowns: np.ndarray) -> tuple[SolvedGame, ...] | None:
+        """The games at a point; they are kept, as a Jacobian follows the errors there."""
+        if self._played is None or not np.array_equal(self._played[0], unknowns):
+            self._played = unknowns.copy(), self._play_anew(unknowns)
+        return self._played[1]
+
+    def _play_anew(self, unknowns: np.ndarray) -> tuple[SolvedGame, ...] | None:
         theta = self._theta(unknowns)
         initial_states = unknowns[self._shared :].reshape(self._starts)
         games = []
@@ -260,7 +268,7 @@ def least_error_in(
     """
     residuals = OuterResiduals(problem, observations, games, chart, deadline)
     try:
-        solution = residuals.minimised(_MOST_EVALUATIONS)
+        solution = residuals.minimised(_MOST_EVALUATIONS, _PROFILE_TOLERANCE)
     except (StoppedError, ValueError):  # no equilibrium at the start
         return None
     return (2 * float(solution.cost), residuals.games) if solution.success else None
