@@ -9,10 +9,11 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 OUT ?= runs
 
-.PHONY: help setup bench bench-quick roads predictions field sensors submissions learners rl gate perf docs test check results clean
+.PHONY: help setup bench bench-quick paper roads predictions field sensors submissions learners rl gate perf docs test check results clean
 
 help:
-	@echo "make bench        the paper's study and a part of roads, into $(OUT)/paper and $(OUT)/roads"
+	@echo "make bench        a part of the paper's study and of roads, into $(OUT)/paper and $(OUT)/roads"
+	@echo "make paper        all of the paper's study, into $(OUT)/paper"
 	@echo "make bench-quick  two players and a road, in about two minutes, into $(OUT)/quick, and its limits"
 	@echo "make roads        every estimator on HighwayEnv's roads, 50 draws each, into $(OUT)/roads: a night"
 	@echo "make predictions  two estimators on these roads beside HighwayEnv's own drivers, into $(OUT)/predictions"
@@ -43,7 +44,7 @@ setup: $(VENV)/.installed
 
 learners: $(VENV)/.learners
 
-# Ranks need some draws, and these take minutes. `make roads` goes on with them.
+# Ranks need some draws, and these take minutes. `make paper` and `make roads` go on with them.
 PART = --seeds 10 \
 	$(addprefix --scenario ,highway merge two_way roundabout intersection merging) \
 	$(addprefix --estimator ,kkt_constrained map ridge kkt_residual uniform) \
@@ -51,12 +52,15 @@ PART = --seeds 10 \
 	$(addprefix --sigma ,0.05 0.5 0.0016 0.016)
 
 bench: setup
-	$(BIN)/olne-bench run paper --out $(OUT)/paper --jobs $(JOBS)
+	$(BIN)/olne-bench run paper --out $(OUT)/paper --jobs $(JOBS) --seeds 15
 	$(BIN)/olne-bench run roads --out $(OUT)/roads --jobs $(JOBS) $(PART)
 
 bench-quick: setup
 	$(BIN)/olne-bench run quick --out $(OUT)/quick --jobs $(JOBS)
 	$(BIN)/olne-bench gate $(OUT)/quick
+
+paper: setup
+	$(BIN)/olne-bench run paper --out $(OUT)/paper --jobs $(JOBS)
 
 roads: setup
 	$(BIN)/olne-bench run roads --out $(OUT)/roads --jobs $(JOBS)

@@ -11,9 +11,8 @@ from itertools import islice
 
 import numpy as np
 
-from olne_bench.envs.recordings.recording import NoEquilibriumError, Recording
+from olne_bench.envs.recordings.recording import NoEquilibriumError, Recording, recorded
 from olne_bench.envs.solved import kept_draws
-from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.solve.batch import solve_batch
 from olne_bench.games.solve.newton import Root
 from olne_bench.games.solve.olne import Certificate, certify
@@ -92,16 +91,8 @@ def _certified(recording: Recording, starts: Iterator[np.ndarray]) -> Iterator[R
 
 def _played(recording: Recording, root: Root, certificate: Certificate) -> Recording:
     """The recording of the same players from another start."""
-    game = recording.scenario.game
-    coast = np.zeros((1, *game.control_shape[1:]))
-    return Recording(
-        scenario=replace(recording.scenario, initial_state=root.states[0]),
-        states=root.states,
-        controls=root.controls,
-        costates=root.costates,
-        extra_state=rollout(game.dynamics, root.states[-1], coast, game.dt)[-1],
-        certificate=certificate,
-    )
+    scenario = replace(recording.scenario, initial_state=root.states[0])
+    return recorded(scenario, root, certificate)
 
 
 def follow_start(recordings: Sequence[Recording], weights: np.ndarray, known: Root) -> list[Root]:

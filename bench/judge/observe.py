@@ -63,10 +63,13 @@ def observe(
     Raises:
         ValueError: as ``sensor_model``, or if a bearing jumps.
     """
-    return tuple(
-        _played(_wrapped(Same(recording), tuple(layers), sigma), seed if k == 0 else _seed(seed, k))
-        for k, recording in enumerate(recordings)
-    )
+    shown = []
+    for k, recording in enumerate(recordings):
+        world = _wrapped(Same(recording), tuple(layers), sigma)
+        frames = _frames(world, seed if k == 0 else _seed(seed, k))
+        frames = _as_departed(frames, recording, layers, sigma)
+        shown.append(Observation(y=frames[:-1], extra=frames[-1]))
+    return tuple(shown)
 
 
 def observe_states(
@@ -128,10 +131,17 @@ def _check_angles(view: View, recording: Recording) -> None:
             )
 
 
-def _played(world: World, seed: int) -> Observation:
-    """One pass of a recorded world: T samples and the extra one."""
-    y = _frames(world, seed)
-    return Observation(y=y[:-1], extra=y[-1])
+def _as_departed(
+    frames: np.ndarray, recording: Recording, layers: Sequence[Layer], sigma: float
+) -> np.ndarray:
+    """Samples (S, N, d) with the errors of a world that departs from what estimators are told."""
+    departure = recording.scenario.departure
+    if departure is None:
+        return frames
+    model = sensor_model(recording.scenario, layers)
+    clean = observed(model.view, recording)
+    deviations = sigma * np.asarray(model.noise_scale)
+    return np.asarray(clean + departure.disturbed(frames - clean, clean, deviations))
 
 
 def _frames(world: World, seed: int) -> np.ndarray:

@@ -31,6 +31,7 @@ from olne_bench.bench.judge.scene import pack_motion, pack_truth
 from olne_bench.bench.judge.seeds import noise_seed, stream
 from olne_bench.bench.judge.truth import (
     Draw,
+    ahead,
     held_out,
     held_out_samples,
     predict_from_start,
@@ -57,6 +58,7 @@ from olne_bench.estimators.shared.noise_level import with_told_noise
 from olne_bench.estimators.shared.posterior_density import density_near
 from olne_bench.estimators.shared.white_noise import with_white_noise
 from olne_bench.games.model.observation import FullView, View, whitening
+from olne_bench.games.model.observation import observe as view_of
 from olne_bench.games.model.sensor import Layer, SensorModel
 from olne_bench.games.solve.newton import Root
 
@@ -265,6 +267,7 @@ def _with_prediction(judged: Judged, trial: Trial, case: Case, root: Root) -> Ju
         prediction=root.states,
         held_out=partial(_held_out, case.draw, estimate.theta(problem.game), trial.root_iterations),
         held_out_samples=partial(_held_out_samples, case, trial, estimate),
+        ahead=partial(ahead, case.draw, estimate.theta(problem.game)),
         likelihood_ratio=Once(
             partial(likelihood_ratio, problem, case.observations, case.recordings, *found)
         ),
@@ -297,7 +300,7 @@ def _expected_fit(draw: Draw, problem: Problem, there: bytes) -> Expected | None
         *problem.game.state_shape[:2], len(problem.noise_scale)
     )
     recording = true_recordings(draw)[0]
-    (expected,) = _expected(draw, problem.view)[:1]
+    expected = view_of(problem.view, problem.game.dynamics, recording.root.states)
     y = np.where(seen, expected, np.nan)
     game = game_at(problem.game, recording.root, recording.scenario.theta)
     place = density_near(problem, Observation(y), game.initial_state).place(game)

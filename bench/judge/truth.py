@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any
 
@@ -17,8 +17,9 @@ from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.envs.recordings.recording import Recording, record
 from olne_bench.envs.roads.temperaments import checked_shares
 from olne_bench.envs.scenarios import check_options, get_scenario
-from olne_bench.envs.scenarios.scenario import Scenario
+from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
 from olne_bench.envs.worlds.scene import is_on_road
+from olne_bench.games.model.game import Game
 from olne_bench.games.model.sensor import SensorModel
 from olne_bench.games.solve.batch import solve_batch
 from olne_bench.games.solve.information import (
@@ -31,10 +32,13 @@ from olne_bench.games.solve.information import (
 )
 from olne_bench.games.solve.nearest_root import Prediction, predict
 from olne_bench.games.solve.newton import Root
+from olne_bench.games.solve.olne import solve_olne
 from olne_bench.plugins import SCENARIO, is_built_in
 
 #: Number of other initial states from which predictions are judged.
 HELD_OUT = 5
+#: Rounds of best responses before a continuation counts as not found.
+_ROUNDS = 30
 
 
 @dataclass(frozen=True)
@@ -159,6 +163,22 @@ def predict_from_start(draw: Draw, theta: np.ndarray, root_iterations: int) -> P
     return _prediction(draw, theta.tobytes(), root_iterations)
 
 
+def ahead(draw: Draw, theta: np.ndarray, seconds: float) -> tuple[np.ndarray, np.ndarray] | None:
+    """What follows a draw's last true state: what happens, and what the game at theta predicts.
+
+    Returns:
+        States (S+1, N, n) twice, the last true ones first; None where either is not found.
+    """
+    recording = true_recording(draw)
+    steps = max(1, round(seconds / recording.scenario.game.dt))
+    follows = _continuation(draw, steps)
+    game, weights = recording.scenario.told, theta[:, : recording.scenario.told.num_weights]
+    if game.parameters.count:
+        game = game.known(game.parameters.values(theta[:, game.num_weights :]))
+    found = None if follows is None else _goes_on(game, weights, recording.states[-1], steps)
+    return None if follows is None or found is None else (follows, found)
+
+
 def unit_cosine_limit(
     draw: Draw, model: SensorModel, seen: Sequence[np.ndarray] | None = None
 ) -> float | None:
@@ -192,9 +212,9 @@ def sensitivities_of(draw: Draw, model: SensorModel) -> tuple[np.ndarray, ...]:
         observation_sensitivity(
             one.scenario.told,
             model.view,
-            one.states,
-            one.controls,
-            one.costates,
+            one.root.states,
+            one.root.controls,
+            one.root.costates,
             one.scenario.theta,
             noise_covariance=model.covariance,
         )
@@ -250,6 +270,29 @@ def _recording(name: str, options: str, seed: int, given: Same[Scenario] | None)
 @lru_cache(maxsize=64)
 def _nearby(draw: Draw, count: int, purpose: str) -> tuple[Recording, ...]:
     return neighbours(true_recording(draw), count, purpose, seed=draw.seed)
+
+
+@lru_cache(maxsize=64)
+def _continuation(draw: Draw, steps: int) -> np.ndarray | None:
+    """What players do after a draw's last state, (S+1, N, n); None where that is not found."""
+    recording = true_recording(draw)
+    scenario, last = recording.scenario, recording.states[-1]
+    if scenario.departure is None:
+        return _goes_on(scenario.game, scenario.weights, last, steps)
+    everybody = last if recording.everybody is None else recording.everybody
+    try:
+        return scenario.departure.driven(everybody, steps + 1)[:, : len(last)]
+    except NoEquilibriumError:
+        return None
+
+
+def _goes_on(game: Game, weights: np.ndarray, last: np.ndarray, steps: int) -> np.ndarray | None:
+    """The equilibrium of the steps that follow a state (N, n); None if none is found."""
+    try:
+        found = solve_olne(replace(game, horizon=steps + 1), weights, last, max_rounds=_ROUNDS)
+    except ValueError:  # the state breaks a constraint
+        return None
+    return found.states if found.certificate.passed else None
 
 
 @lru_cache(maxsize=16)

@@ -1,7 +1,7 @@
 """Recordings: the motion of a world, with its ground truth."""
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,11 +26,13 @@ class Recording:
     Attributes:
         scenario: the scenario that was played, ground truth included.
         states: (T, N, n) states that the world reported.
-        controls: (T-1, N, m) controls that the world was given.
+        controls: (T-1, N, m) controls of the equilibrium.
         costates: (T-1, N, n) costates of the equilibrium.
         extra_state: (N, n) state at T+1, one step beyond the horizon with zero controls. It is
             computed, as the episode is over by then.
-        certificate: evidence that the motion is an equilibrium.
+        certificate: evidence for the equilibrium.
+        planned: (T, N, n) states of the equilibrium; None where they were driven.
+        everybody: (M, n) last states with players that are not reported; None as ``planned``.
     """
 
     scenario: Scenario
@@ -39,11 +41,14 @@ class Recording:
     costates: np.ndarray
     extra_state: np.ndarray
     certificate: Certificate
+    planned: np.ndarray | None = None
+    everybody: np.ndarray | None = None
 
     @property
     def root(self) -> Root:
-        """The motion as a root of the first-order conditions, as the certificate confirms."""
-        return Root(self.states, self.controls, self.costates, residual=0.0)
+        """The equilibrium, a root of the first-order conditions as the certificate confirms."""
+        states = self.states if self.planned is None else self.planned
+        return Root(states, self.controls, self.costates, residual=0.0)
 
     @property
     def all_states(self) -> np.ndarray:
@@ -79,16 +84,43 @@ def record(scenario: Scenario) -> Recording:
         raise NoEquilibriumError(
             f"the world plays {scenario.name!r} up to {deviation:.1e} away from its equilibrium"
         )
+    controls = np.stack([action for _, action in steps if action is not None])
+    root = Root(states, controls, truth.costates, truth.residual)
+    return recorded(scenario, root, truth.certificate)
+
+
+def recorded(scenario: Scenario, root: Root, certificate: Certificate) -> Recording:
+    """The recording of an equilibrium, or of what is driven instead.
+
+    Raises:
+        NoEquilibriumError: where what is driven instead is not found.
+    """
+    own = Recording(
+        scenario=scenario,
+        states=root.states,
+        controls=root.controls,
+        costates=root.costates,
+        extra_state=_coasting(scenario, root.states),
+        certificate=certificate,
+    )
+    if scenario.departure is None:
+        return own
+    driven = scenario.departure.driven(root.states[0], len(root.states))
+    states = driven[:, : scenario.game.num_players]
+    return replace(
+        own,
+        states=states,
+        extra_state=_coasting(scenario, states),
+        planned=root.states,
+        everybody=driven[-1],
+    )
+
+
+def _coasting(scenario: Scenario, states: np.ndarray) -> np.ndarray:
+    """(N, n) one step beyond states (T, N, n), with zero controls."""
     game = scenario.game
     coast = np.zeros((1, *game.control_shape[1:]))
-    return Recording(
-        scenario=scenario,
-        states=states,
-        controls=np.stack([action for _, action in steps if action is not None]),
-        costates=truth.costates,
-        extra_state=rollout(game.dynamics, states[-1], coast, game.dt)[-1],
-        certificate=truth.certificate,
-    )
+    return np.asarray(rollout(game.dynamics, states[-1], coast, game.dt)[-1])
 
 
 def film(scenario: Scenario) -> Iterator[np.ndarray]:

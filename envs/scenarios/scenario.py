@@ -1,6 +1,7 @@
 """The data of a scenario."""
 
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 
@@ -34,6 +35,18 @@ class Limits:
     states: tuple[float, ...]
 
 
+class Departure(Protocol):
+    """How a world differs from what estimators are told; ``envs.changes`` has some."""
+
+    def driven(self, start: np.ndarray, horizon: int) -> np.ndarray:
+        """The motion (T, M, n) from states (N, n) of the reported players, or of all M."""
+
+    def disturbed(
+        self, errors: np.ndarray, clean: np.ndarray, deviations: np.ndarray
+    ) -> np.ndarray:
+        """Errors of samples (S, N, d) in place of those that estimators are told of."""
+
+
 @dataclass(frozen=True)
 class Scenario:
     """A game with its ground truth.
@@ -53,6 +66,7 @@ class Scenario:
             None where only weights are unknown.
         parameters: (N, U) true values of these unknowns, in their units; None where there are none.
         prior: what estimators are told of each player's weights: how they are drawn, or near it.
+        departure: how the world differs from all of this; None where it does not.
 
     Raises:
         ValueError: on arrays of a wrong shape, noise scales that are not positive, or parameters
@@ -70,6 +84,7 @@ class Scenario:
     asked: Game | None = None
     parameters: np.ndarray | None = None
     prior: WeightPrior = FLAT
+    departure: Departure | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "weights", self.game.check_weights(self.weights))

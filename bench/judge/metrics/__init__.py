@@ -5,6 +5,7 @@ A metric is given a ``judged.Judged``. ``declaration.MetricDeclaration`` lists w
 is a property of the scenario, computed once for all trials (``bench.report.statistics``).
 """
 
+from olne_bench.bench.judge.metrics.ahead_error import AheadError
 from olne_bench.bench.judge.metrics.cosine_error import CosineError
 from olne_bench.bench.judge.metrics.covers_parameters import CoversParameters
 from olne_bench.bench.judge.metrics.covers_truth import CoversTruth
@@ -24,7 +25,7 @@ from olne_bench.bench.judge.metrics.tarp_level import TarpLevel
 BUILT_IN: tuple[MetricDeclaration, ...] = tuple(
     declare(metric)
     for metric in (
-        *(PositionError, HeldOutError, CosineError, ParameterError),
+        *(PositionError, HeldOutError, AheadError, CosineError, ParameterError),
         *(ReconstructionError, CoversTruth, CoversParameters),
         *(RegionWidth, CredibleLevel, TarpLevel, EnergyScore, Crps, HeldOutLogScore),
     )

@@ -34,6 +34,10 @@ def no_ratio() -> None:
     """The ratio of a trial that has none: None."""
 
 
+def nothing_ahead(seconds: float) -> None:
+    """What follows the last sample of a trial without a prediction: None."""
+
+
 @dataclass(frozen=True)
 class Judged:
     """One trial to score. Its arrays are read-only, because trials share the truth.
@@ -52,6 +56,8 @@ class Judged:
         held_out_samples: computes predictions (H, M, T, N, n) from the same states at so many of
             the estimate's samples at most, NaN where a sample has no game; None as in ``held_out``,
             and without samples.
+        ahead: computes true and predicted states (S+1, N, n) of so many seconds after the last
+            true state; None where either is not found.
     """
 
     recordings: tuple[Recording, ...]
@@ -62,6 +68,7 @@ class Judged:
     likelihood_ratio: Callable[[], float | None] = no_ratio
     posterior_ratio: Callable[[], float | None] = no_ratio
     held_out_samples: Callable[[int], np.ndarray | None] = nothing_sampled
+    ahead: Callable[[float], tuple[np.ndarray, np.ndarray] | None] = nothing_ahead
 
     def __post_init__(self) -> None:
         for one in self.recordings:
