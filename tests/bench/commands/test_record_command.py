@@ -525,7 +525,8 @@ def test_an_estimate_that_did_not_converge_is_told_with_its_reason(capsys, messa
 def test_a_table_has_a_row_of_weights_and_errors_for_each_player():
     names = fit_of().problem.weight_names
     table = estimating._table(["one", "two"], names, fit_of())
-    assert list(table) == ["player", *names, *(f"{name}_error" for name in names)]
+    doubts = ["converged", "residual", "noise", "fit", "fit_p"]
+    assert list(table) == ["player", *names, *(f"{name}_error" for name in names), *doubts]
     assert table["player"].tolist() == ["one", "two"]
     np.testing.assert_allclose(table[list(names)], [[0.1, 0.2, 0.3, 0.4], [0.25] * 4])
     np.testing.assert_allclose(table[[f"{name}_error" for name in names]], 0.02)
