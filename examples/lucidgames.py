@@ -31,6 +31,7 @@ from olne_bench.games.solve.batch import solve_batch
 from olne_bench.games.solve.newton import Root
 
 _LEAST_SPREAD = 0.01
+_LEAST_NOISE = 1e-6  # exact samples leave nothing to divide by
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ class LucidGames:
         found = solve_olne(game, np.full(shape, 1 / shape[1]), y[0])
         if not found.certificate.passed:
             return _failed(shape, "no equilibrium from the first sample with equal weights")
-        noise = 2 * (problem.sigma * np.tile(problem.noise_scale, shape[0])) ** 2
+        noise = 2 * (max(problem.sigma, _LEAST_NOISE) * np.tile(problem.noise_scale, shape[0])) ** 2
         filtered = _Filter(np.prod(shape), self.spread)
         root, mean = Root(found.states, found.controls, found.costates, 0.0), filtered.mean
         for t in range(len(y) - 1):

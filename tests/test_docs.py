@@ -159,7 +159,6 @@ def test_environments_guide(tmp_path, monkeypatch):
         if "y" in names:
             assert names["y"].shape == (20, 5, 3)
             assert np.isnan(names["y"]).any()
-    assert names["vector"].reset(seed=0)[0].shape == (8, 9)
 
 
 def test_ten_lines_are_the_examples():
