@@ -10,6 +10,9 @@ import numpy as np
 
 from olne_bench.bench.plan.entries import ScenarioEntry
 
+#: Name of ``envs.scenarios.changed`` and what it changes by default; its import takes a second.
+_CHANGED, _USUAL = "changed", "highway"
+
 
 def stream(salt: str, purpose: str, *key: str | int | float) -> int:
     """A seed of 63 bits.
@@ -23,10 +26,21 @@ def stream(salt: str, purpose: str, *key: str | int | float) -> int:
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1
 
 
+def drawn_as(scenario: ScenarioEntry) -> tuple[str, str]:
+    """Name and options, as JSON, that seed draws and noise.
+
+    A changed scenario has those of the scenario without the change, so that the two are compared
+    on the same draws.
+    """
+    name, options = scenario.name, scenario.options
+    if name == _CHANGED:
+        name, options = options.get("of", _USUAL), options.get("options", {})
+    return name, json.dumps(options, sort_keys=True)
+
+
 def noise_seed(scenario: ScenarioEntry, sigma: float, seed: int, salt: str) -> int:
     """Seed of a trial's noise, the same for every sensor and estimator."""
-    options = json.dumps(scenario.options, sort_keys=True)
-    return stream(salt, "noise", scenario.name, options, round(sigma * 1e9), seed)
+    return stream(salt, "noise", *drawn_as(scenario), round(sigma * 1e9), seed)
 
 
 def generator_of(values: np.ndarray) -> np.random.Generator:

@@ -12,7 +12,7 @@ from olne_bench.bench.judge.metrics.judged import HeldOut
 from olne_bench.bench.judge.nearby_starts import follow_start, neighbours
 from olne_bench.bench.judge.observe import Same
 from olne_bench.bench.judge.scene import Quantity, TrueScene
-from olne_bench.bench.judge.seeds import stream
+from olne_bench.bench.judge.seeds import drawn_as, stream
 from olne_bench.bench.plan.entries import ScenarioEntry
 from olne_bench.envs.recordings.recording import Recording, record
 from olne_bench.envs.roads.temperaments import checked_shares
@@ -63,8 +63,9 @@ class Draw:
     def of(cls, scenario: ScenarioEntry, seed: int, salt: str) -> "Draw":
         """The draw of a trial, which only those who know the salt can repeat."""
         options = json.dumps(scenario.options, sort_keys=True)
-        key = (options, seed) if scenario.family else ()
-        own = stream(salt, "draw", scenario.name, *key)
+        name, drawn = drawn_as(scenario)
+        key = (drawn, seed) if scenario.family else ()
+        own = stream(salt, "draw", name, *key)
         return cls(scenario.name, options, scenario.trajectories, own)
 
     @classmethod

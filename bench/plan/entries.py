@@ -86,10 +86,11 @@ class EstimatorEntry(Strict):
 
 
 class MetricEntry(Strict):
-    """A metric with its parameters."""
+    """A metric with its parameters; ``label`` distinguishes two settings of the same one."""
 
     name: Reference
     parameters: Parameters = Field(default_factory=dict)
+    label: Label = ""
     column: Label = ""  # learnt
     # learnt: fields of its ``MetricDeclaration``
     declaration: dict[str, Any] = Field(default_factory=dict)

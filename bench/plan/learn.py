@@ -124,7 +124,8 @@ def _estimator(entry: EstimatorEntry, said: Description) -> EstimatorEntry:
 
 
 def _metric(entry: MetricEntry, said: Description) -> MetricEntry:
-    learnt = {"name": said.reference, "column": said.label, "declaration": said.declaration}
+    column = entry.label or said.label
+    learnt = {"name": said.reference, "column": column, "declaration": said.declaration}
     return MetricEntry.model_validate(dict(entry) | learnt)
 
 

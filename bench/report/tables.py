@@ -12,6 +12,7 @@ from olne_bench.bench.report.statistics.attempts import (
     most_frequent_first,
 )
 from olne_bench.bench.report.statistics.calibration import calibration_table
+from olne_bench.bench.report.statistics.damage import damage_table
 from olne_bench.bench.report.statistics.identifiability import (
     bound_ratios,
     identifiability_table,
@@ -48,6 +49,7 @@ class RunTables:
     calibration: pd.DataFrame
     temperaments: pd.DataFrame
     confusions: pd.DataFrame
+    damage: pd.DataFrame
     harness_errors: pd.DataFrame
     failures: pd.DataFrame
     notes: tuple[str, ...] = ()  # what could not be computed, and why
@@ -55,6 +57,7 @@ class RunTables:
     def by_name(self) -> dict[str, pd.DataFrame]:
         """The tables that are written to the run folder, by name."""
         left = _TOLD | (set() if len(self.temperaments) else _OF_DRIVERS)
+        left |= set() if len(self.damage) else {"damage"}
         return {name: table for name, table in vars(self).items() if name not in left}
 
 
@@ -71,6 +74,7 @@ def tabulate(trials: pd.DataFrame | Parts, study: Study = USUAL) -> RunTables:
     scores, notes = score_table(logs, study), tuple(whole.pop("notes")["note"])
     shown = [*metrics, *[IDENTIFIABLE] * (f"{IDENTIFIABLE.name}_median" in whole["leaderboard"])]
     whole["leaderboard"] = if_told(scored_rows(whole["leaderboard"], shown, scores, study))
+    whole["damage"] = damage_table(whole["leaderboard"], study)
     for name in ("harness_errors", "failures"):
         whole[name] = most_frequent_first(whole[name])
     return RunTables(scores=scores, comparisons=pair_table(logs, study), notes=notes, **whole)

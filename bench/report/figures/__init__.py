@@ -13,6 +13,7 @@ from matplotlib.figure import Figure
 from olne_bench.bench.report.figures import (
     calibration,
     confusion,
+    damage,
     forest,
     over_noise,
     style,
@@ -34,7 +35,7 @@ def draw_figures(
     formats: Sequence[str] = USUAL_FORMATS,
     study: Study = USUAL,
 ) -> tuple[Pictures, list[str]]:
-    """Draw every figure that the trials allow: ``scores``, and others for each scenario.
+    """Draw every figure that the trials allow: ``scores``, ``damage``, and others of a scenario.
 
     Files are named ``<kind>_<scenario>.png`` and so on, in as many formats as there are, if any.
     The same trials give the same bytes. What could not be drawn is told, and why.
@@ -61,6 +62,8 @@ def draw_figures(
 
     with style.applied():
         add("scores", "", lambda: forest.draw(tables.scores, study))
+        if len(tables.damage):
+            add("damage", "", lambda: damage.draw(tables.damage))
         of_each(parts_of(trials), scenario)
     return pictures, notes
 

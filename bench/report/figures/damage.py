@@ -1,0 +1,72 @@
+"""Damage of a wrong model over what a user can notice of it."""
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import NullFormatter
+
+from olne_bench.bench.report.figures import style
+from olne_bench.bench.report.formats import NotDrawnError
+
+_SIZE = 3.6, 3.2  # of a panel [inch]
+#: Colours of kinds of changes.
+_KINDS = {"behaviours": "#0072B2", "wrong models": "#D55E00", "wrong noise": "#5C5C3D"}
+#: Errors that may be drawn, the first that a run has.
+_ERRORS = {"ahead_error": "Error ahead", "position_error": "Position error"}
+
+
+def draw(table: pd.DataFrame) -> Figure:
+    """Each change as a line through its dials, a panel for each estimator that tests its fit.
+
+    Abscissa: share of the trials in which the test notices. Ordinate: ratio of the median error
+    to that where the model is true. Both are means over scenarios and sensors, the ordinate's is
+    geometric. The largest dial has a point and the name. The table is that of ``damage_table``.
+    """
+    error = next((name for name in _ERRORS if f"{name}_ratio" in table), None)
+    if error is None:
+        raise NotDrawnError("the run has no errors of positions in a true world")
+    ratio = f"{error}_ratio"
+    tested = table[table["noticed"].notna() & np.isfinite(table[ratio]) & (table[ratio] > 0)]
+    if tested.empty:
+        raise NotDrawnError("no estimator tests its fit, or most of the trials failed")
+    # Scenarios differ in units, so the first dials of all count together, and so on.
+    place = tested.groupby(["of", "change", "sensor", "estimator"])["dial"].rank(method="dense")
+    means = tested.assign(place=place, log=np.log(tested[ratio]))
+    means = means.groupby(["estimator", "kind", "change", "place"], as_index=False)[
+        ["noticed", "log"]
+    ].mean()
+    names = style.estimator_order(means["estimator"].tolist())
+    figure, axes = style.grid(names, _SIZE)
+    for name, panel in zip(names, axes, strict=False):
+        _panel(panel, means[means["estimator"] == name], _ERRORS[error])
+    style.entitle(figure, "What a wrong model costs, over what the fit test notices of it")
+    entries = [(Line2D([], [], color=c, marker="o", markersize=4), k) for k, c in _KINDS.items()]
+    style.legend_below(figure, entries)
+    return figure
+
+
+def _panel(axes: Axes, means: pd.DataFrame, error: str) -> None:
+    axes.set(xlim=(-0.03, 1.28), xlabel="Noticed by the fit test")
+    axes.set_xticks(np.linspace(0, 1, 5))
+    axes.set_ylabel(f"{error} over that of the true model")
+    axes.set_yscale("log")
+    axes.yaxis.set_major_formatter(style.plain)
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    style.percent(axes.xaxis)
+    axes.axhline(1.0, color="black", linewidth=0.8)
+    for (kind, change), line in means.groupby(["kind", "change"]):
+        line, colour = line.sort_values("place"), _KINDS[str(kind)]
+        x, y = line["noticed"].to_numpy(float), np.exp(line["log"].to_numpy(float))
+        axes.plot(x, y, color=colour, linewidth=0.9, alpha=0.6)
+        axes.plot(x[-1:], y[-1:], "o", color=colour, markersize=4)
+        axes.annotate(
+            str(change).replace("_", " "),
+            (x[-1], y[-1]),
+            xytext=(4, 0),
+            textcoords="offset points",
+            va="center",
+            fontsize=6,
+            color=colour,
+        )
