@@ -177,7 +177,7 @@ def test_a_closed_world_plays_and_draws_on():
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("motorway", "'motorway' has no road in HighwayEnv; known are: changed, highway, "),
+        ("motorway", "'motorway' has no road in HighwayEnv; known are: highway, "),
         ("two_player", "'two_player' has no road in HighwayEnv"),
     ],
 )

@@ -14,7 +14,11 @@ _SIZE = 3.6, 3.2  # of a panel [inch]
 #: Colours of kinds of changes.
 _KINDS = {"behaviours": "#0072B2", "wrong models": "#D55E00", "wrong noise": "#5C5C3D"}
 #: Errors that may be drawn, the first that a run has.
-_ERRORS = {"ahead_error": "Error ahead", "position_error": "Position error"}
+_ERRORS = {
+    "ahead_error": "Error ahead",
+    "ahead_2s": "Error 2 s ahead",
+    "position_error": "Position error",
+}
 
 
 def draw(table: pd.DataFrame) -> Figure:
