@@ -3,6 +3,8 @@
 python scripts/misspecified.py > bench/plan/suites/misspecified.toml
 """
 
+from collections.abc import Mapping
+
 import shared
 
 TRUE = "as told"
@@ -33,18 +35,7 @@ CROSSING = ANYWHERE | {
     "replanning": (2.0, 1.0, 0.5), "entropic": (0.0001, 0.001, 0.01),
     "target_speed": (0.05, 0.1, 0.2), "goal": (0.05, 0.1, 0.2),
 }  # fmt: skip
-KINDS = {
-    "behaviour": ("replanning", "feedback", "responding", "leading", "alone", "entropic", "stock"),
-    "wrong noise": tuple(list(ANYWHERE)[5:]),
-    "wrong model": (
-        *("hidden_cost", "target_speed", "goal", "lane_offset"),
-        *("vehicle_length", "wheelbase", "unseen_cars"),
-    ),
-}
-COLOURS = {"behaviour": "#0072B2", "wrong model": "#D55E00", "wrong noise": "#5a8f29"}
-LINE = 0.09  # height of a label, in log error
-ROADS = dict.fromkeys(("highway", "intersection"), 'num_players = 3, weights = "temperaments"')
-ROADS["roundabout"] = ROADS["highway"]
+THREE_DRIVERS = 'num_players = 3, weights = "temperaments"'
 HEAD = """# Written by scripts/misspecified.py.
 name = "misspecified"
 description = "Worlds that are not what estimators are told: twenty changes at three dials each"
@@ -69,13 +60,15 @@ scenarios = ["""
 def suite() -> None:
     """Print the suite's file."""
     print(HEAD)
-    for name, options in ROADS.items():
-        _print(name, options, ON_ROADS)
+    for name in ("highway", "intersection", "roundabout"):
+        _print(name, THREE_DRIVERS, ON_ROADS)
     _print("two_player", 'weights = "dirichlet"', CROSSING, ", sigmas = [0.02]")
     print("]")
 
 
-def _print(name: str, options: str, changes: dict[str, tuple[float, ...]], more: str = "") -> None:
+def _print(
+    name: str, options: str, changes: Mapping[str, tuple[float, ...]], more: str = ""
+) -> None:
     cases = [(TRUE, "alone", 0.0)]
     cases += [(f"{change} {d:g}", change, d) for change, dials in changes.items() for d in dials]
     for label, change, dial in cases:

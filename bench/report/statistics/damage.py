@@ -31,7 +31,7 @@ def damage_table(board: pd.DataFrame, study: Study) -> pd.DataFrame:
     changed, true = rows[rows["change"] != ""], rows[rows["change"] == ""]
     both = changed.merge(true.drop_duplicates(_SAME), on=_SAME, suffixes=("", "_true"))
     found = both[_ABOUT].copy()
-    for column in board:
+    for column in map(str, board):
         name = column.removesuffix(_MEDIAN)
         if column.endswith(_MEDIAN) and name not in _NOT_ERRORS:
             found[f"{name}_ratio"] = both[column] / both[f"{column}_true"]
@@ -45,16 +45,16 @@ def _worlds(study: Study) -> pd.DataFrame:
     """Of each ``scenario``, by label: what is changed, and how; a true world has no ``change``."""
     rows = []
     for label, entry in study.scenarios.items():
-        of, options, change, kind, dial = entry.name, entry.options, "", "", 0.0
+        of, options, change, kind, dial = entry.name, dict(entry.options), "", "", 0.0
         if entry.name == "changed":
             from olne_bench.envs.changes import CHANGES  # takes a second
             from olne_bench.envs.scenarios.changed import Changed
 
             world = Changed(**entry.options)
-            of, options = world.of, world.options
+            of, options = world.of, dict(world.options)
             if world.dial:
                 change, dial = world.change, float(world.dial)
                 kind = CHANGES[change].__module__.rpartition(".")[2].replace("_", " ")
-        same = json.dumps([of, dict(options), entry.sigmas], sort_keys=True)
+        same = json.dumps([of, options, entry.sigmas], sort_keys=True)
         rows.append((label, same, of, change, kind, dial))
     return pd.DataFrame(rows, columns=["scenario", "world", "of", "change", "kind", "dial"])
