@@ -1,7 +1,7 @@
 """NashOpt's inverse game as an estimator: parameters whose equilibrium is nearest to what was seen.
 
     pip install nashopt==1.3.9 qpsolvers==4.13.0
-    olne-bench run quick --seeds 1 --plugin examples/nashopt_inverse.py --out runs/nashopt
+    olne-bench run examples/nashopt.toml --out runs/nashopt
 
 NashOpt (``ParametricGNEP.solve``) minimises over the players' decisions x and the parameters p
 
