@@ -73,13 +73,12 @@ _MOST_CHARTS = 4
 class Bilevel:
     """Gauss-Newton on weights and initial states through the forward game.
 
+    Raises ValueError on a parameter out of range.
+
     Attributes:
         starts: largest number of games to start from, the nearest to the observations.
         max_evaluations: forward games per start and trajectory, before the next start is tried.
         prior: whether the priors of the game's unknowns count.
-
-    Raises:
-        ValueError: on a parameter out of range.
     """
 
     name: ClassVar[str] = "bilevel"

@@ -25,12 +25,11 @@ from olne_bench.plugins import ESTIMATOR, is_built_in, make, names
 class Ignorant:
     """Runs another estimator on the problem without its constraints.
 
+    Raises ValueError if there is no such built-in estimator: what a parameter names is not shut in
+    as a plugin is.
+
     Attributes:
         of: name of the estimator, with its default parameters.
-
-    Raises:
-        ValueError: if there is no such built-in estimator: what a parameter names is not shut in as
-            a plugin is.
     """
 
     name: ClassVar[str] = "ignorant"

@@ -85,14 +85,13 @@ _TIE = 3.0
 class KktConstrained:
     """Joint estimation of weights and trajectory under the equilibrium conditions.
 
+    Raises ValueError on an unknown solver, or iterations out of range.
+
     Attributes:
         solver: ``structured``, the interior-point method of this project, or ``ipopt``, the
             reference, which takes some twenty times as long.
         max_iterations: iterations per start. A solve takes 5 to 40; if it needs hundreds, another
             start is a better use of the time.
-
-    Raises:
-        ValueError: on an unknown solver, or iterations out of range.
     """
 
     name: ClassVar[str] = "kkt_constrained"

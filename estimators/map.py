@@ -58,15 +58,12 @@ _ROUNDS, _STILL, _NEAR = 8, 1e-4, 1e-3
 
 @dataclass(frozen=True)
 class Map(KktConstrained):
-    """The most probable point under a prior of the weights.
+    """The most probable point under a prior of the weights; ValueError on a parameter out of range.
 
     Attributes:
         solver: as of ``kkt_constrained``.
         max_iterations: as of ``kkt_constrained``.
         alpha: parameter of a symmetric Dirichlet distribution in place of the problem's prior.
-
-    Raises:
-        ValueError: on a parameter out of range.
     """
 
     name: ClassVar[str] = "map"
@@ -127,8 +124,7 @@ class Map(KktConstrained):
 def check_alpha(alpha: float | None) -> None:
     """Refuse a parameter of a Dirichlet distribution that is none.
 
-    Raises:
-        ValueError: unless it is positive and finite, or None.
+    Raises ValueError unless it is positive and finite, or None.
     """
     if alpha is not None:
         check_number("alpha", alpha)

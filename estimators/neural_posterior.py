@@ -47,13 +47,10 @@ _NUMBER = re.compile(r"-?\d+\.\d*(e[+-]?\d+)?|-?\d+e[+-]?\d+")
 
 @dataclass(frozen=True)
 class NeuralPosterior:
-    """Samples of weights from a trained network.
+    """Samples of weights from a trained network; ValueError on a number out of range.
 
     Attributes:
         count: number of samples.
-
-    Raises:
-        ValueError: on a number out of range.
     """
 
     name: ClassVar[str] = "neural_posterior"

@@ -108,7 +108,7 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Particle(SampleFilter):
-    """Particles over weights, unknowns and initial states.
+    """Particles over weights, unknowns and initial states; ValueError on a parameter out of range.
 
     Attributes:
         count: the effective sample size is at least a quarter of it after each measurement, half of
@@ -116,9 +116,6 @@ class Particle(SampleFilter):
         spread: as of ``Ukf``.
         most_draws: largest number of draws for a measurement; twice as many for the last one.
         peek: as of ``Ukf``.
-
-    Raises:
-        ValueError: on a parameter out of range.
     """
 
     name: ClassVar[str] = "particle"
@@ -253,11 +250,7 @@ class _Pool:
             raise LostError("no particle has an equilibrium before the first measurement")
 
     def take_in(self, t: int, enough: float, most_draws: int) -> Cloud:
-        """(P1) to (P5) for the measurement at time t.
-
-        Raises:
-            LostError: if no particle has a game.
-        """
+        """(P1) to (P5) for the measurement at time t; LostError if no particle has a game."""
         log_shares = self._log_shares(t)
         for k in range(most_draws):
             if effective_sample_size(log_shares) >= enough:

@@ -80,7 +80,7 @@ _SAME = 0.1
 
 @dataclass(frozen=True)
 class Posterior:
-    """Samples of weights, unknowns and initial state.
+    """Samples of weights, unknowns and initial state; ValueError on a parameter out of range.
 
     Attributes:
         alpha: parameter of a symmetric Dirichlet distribution in place of the problem's prior.
@@ -89,9 +89,6 @@ class Posterior:
         most: number of all fits at most.
         enough: effective sample size at which they end.
         count: number of samples, all of equal weight.
-
-    Raises:
-        ValueError: on a parameter out of range.
     """
 
     name: ClassVar[str] = "posterior"

@@ -25,6 +25,10 @@ FIT_LEVEL = 0.01
 class Problem:
     """What is known about the game before anything is observed.
 
+    Raises TypeError on a game, a view or a prior that is something else, such as the name of a
+    sensor; ValueError on a sigma, sigma_spread, weight_floor, noise_scale, noise_covariance or
+    prior out of range.
+
     Attributes:
         game: players' features and tasks, motion model, horizon T and step dt [s]; no weights.
         view: observation model h, shared by all players: y = h(x) + noise, then gaps.
@@ -46,12 +50,6 @@ class Problem:
             is. An estimate then tells the level that it found as ``extras["sigma"]``.
         prior: what is known of each player's weights before, flat by default. Methods that are not
             Bayesian ignore it. Unknowns carry their own (``Game.parameters``).
-
-    Raises:
-        TypeError: on a game, a view or a prior that is something else, such as the name of a
-            sensor.
-        ValueError: on a sigma, sigma_spread, weight_floor, noise_scale, noise_covariance or prior
-            out of range.
     """
 
     game: Game
@@ -161,8 +159,7 @@ def check_observations(
 ) -> tuple[Observation, ...]:
     """One observation or several as a tuple, each of them checked.
 
-    Raises:
-        ValueError: if there is none, and as in ``check_observation``.
+    Raises ValueError if there is none, and as in ``check_observation``.
     """
     several = tuple(observation) if isinstance(observation, Sequence) else (observation,)
     if not several:

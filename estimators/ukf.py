@@ -96,15 +96,14 @@ Expected = Callable[[np.ndarray], np.ndarray]
 class Ukf(SampleFilter):
     """Filters weights, unknowns and the initial state, one measurement at a time.
 
+    Raises ValueError on a parameter out of range.
+
     Attributes:
         spread: standard deviation of the coordinates of weights at first; that of the problem's
             prior is one.
         alpha: distance of the sigma points from the mean, in units of sqrt(n) standard deviations.
         peek: whether the prior is around the weights of a game that is fitted to all observations.
             The weights after early measurements are then not online, and data count twice.
-
-    Raises:
-        ValueError: on a parameter out of range.
     """
 
     name: ClassVar[str] = "ukf"
@@ -228,9 +227,8 @@ class _PastFilter:
     def take_in(self, t: int) -> Gaussian:
         """The belief after the measurement at time t.
 
-        Raises:
-            LostError: if the filter is lost and no game explains the measurements so far.
-            LateError: after the deadline.
+        Raises LostError if the filter is lost and no game explains the measurements so far;
+        LateError after the deadline.
         """
         if self._belief is not None and not np.isfinite(self._samples[t]).any():
             return self._belief
@@ -245,8 +243,7 @@ class _PastFilter:
     def _updated(self, t: int) -> tuple[float, str]:
         """-log of the posterior so far at the filter's new mean; infinite if it is lost, and why.
 
-        Raises:
-            LateError: after the deadline.
+        Raises LateError after the deadline.
         """
         if self._belief is None:
             return np.inf, ""
@@ -274,8 +271,7 @@ class _Filter:
     def take_in(self, t: int, sample: np.ndarray) -> None:
         """(U1) to (U6) for one measurement.
 
-        Raises:
-            LostError: if there is no equilibrium at the mean, or the shares become too small.
+        Raises LostError if there is no equilibrium at the mean, or the shares become too small.
         """
         seen, left = np.isfinite(sample), 1.0
         for _ in range(_MOST_SHARES):
@@ -292,8 +288,7 @@ class _Filter:
     def _use(self, share: float, t: int, sample: np.ndarray, seen: np.ndarray) -> float:
         """(U4) with a share of a measurement, or as much of it as leads to a game; what was used.
 
-        Raises:
-            LostError: if nothing of it does.
+        Raises LostError if nothing of it does.
         """
         regression = self._regression
         bend = regression.mean[t, seen] - regression.centre[t, seen]
@@ -311,8 +306,7 @@ class _Filter:
     def _regressed(self) -> Regression:
         """(U1) to (U3) with the widest set of sigma points that all have a game.
 
-        Raises:
-            LostError: if the mean has no equilibrium.
+        Raises LostError if the mean has no equilibrium.
         """
         belief = self.belief
         for alpha in self._alphas:
@@ -354,8 +348,7 @@ def _updated(
 ) -> Gaussian:
     """(U4): the belief after a linear measurement; Joseph's form keeps the covariance definite.
 
-    Raises:
-        LostError: if the noise is lost to rounding beside the belief.
+    Raises LostError if the noise is lost to rounding beside the belief.
     """
     crossed = belief.covariance @ slopes.T
     try:

@@ -105,8 +105,7 @@ def lost_estimate(problem: Problem, online: Sequence[np.ndarray], message: str) 
 def first_game(problem: Problem, observation: Observation) -> SolvedGame:
     """A game near all of the observation, not far from uniform weights, for filters that peek.
 
-    Raises:
-        LostError: if none is found.
+    Raises LostError if none is found.
     """
     fitted = fitted_game(problem, observation)
     if fitted is not None:
@@ -256,8 +255,7 @@ class FollowedGames:
     def expected(self, points: np.ndarray) -> np.ndarray:
         """h(x) (B, T, N*d) of points (B, n) whose first is the mean; NaN without equilibrium.
 
-        Raises:
-            LateError: after the deadline.
+        Raises LateError after the deadline.
         """
         if time.monotonic() > self._deadline:
             raise LateError("time limit reached")
@@ -272,8 +270,7 @@ class FollowedGames:
     def tangent(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         """h(x) (T, N*d) at a point (n,) and its derivative (T, N*d, n); None without equilibrium.
 
-        Raises:
-            LateError: after the deadline.
+        Raises LateError after the deadline.
         """
         try:
             samples = self.expected(point[None])[0]
@@ -290,11 +287,7 @@ class FollowedGames:
         return np.hstack([by_theta @ self.chart.jacobian(point), by_start])
 
     def play(self, point: np.ndarray) -> SolvedGame:
-        """The game at a point (n,).
-
-        Raises:
-            LostError: if it has no equilibrium.
-        """
+        """The game at a point (n,); LostError if it has no equilibrium."""
         theta = self.chart.theta(point[None])
         batch = self._play(theta, self._initial_states(point[None]))
         if not batch.converged[0]:

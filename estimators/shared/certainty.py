@@ -20,16 +20,13 @@ from olne_bench.games.solve.information import (
 
 @dataclass(frozen=True)
 class Certainty:
-    """How well the observations tell the maximum-likelihood theta.
+    """How well the observations tell the maximum-likelihood theta."""
 
-    Attributes:
-        covariance: (N*(K+U), N*(K+U)) of theta: inverse Fisher information. None if theta is not
-            identifiable or sigma is 0.
-        unobserved: one line that names the unknowns about which nothing was seen; empty if there
-            are none. Their variance is that of the prior.
-    """
-
+    #: (N*(K+U), N*(K+U)) of theta: inverse Fisher information. None if theta is not
+    #: identifiable or sigma is 0.
     covariance: np.ndarray | None
+    #: One line that names the unknowns about which nothing was seen; empty if there are none.
+    #: Their variance is that of the prior.
     unobserved: str = ""
 
     def message(self, said: str) -> str:

@@ -112,20 +112,13 @@ class NormalChart:
 
     A mixture has the chart of the one distribution with its mean and spread; ``tilt`` is what is
     left.
-
-    Attributes:
-        players: N.
-        num_weights: K.
-        floor: smallest weight.
-        prior: of each player's weights.
-        parameters: the game's unknowns.
     """
 
-    players: int
-    num_weights: int
-    floor: float
-    prior: WeightPrior
-    parameters: Parameters
+    players: int  # N
+    num_weights: int  # K
+    floor: float  # smallest weight
+    prior: WeightPrior  # of each player's weights
+    parameters: Parameters  # the game's unknowns
 
     @classmethod
     def of(cls, problem: Problem) -> "NormalChart":

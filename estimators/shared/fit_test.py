@@ -49,17 +49,11 @@ _SYMMETRIC = 1.6e-5
 
 @dataclass(frozen=True)
 class FitTest:
-    """The result of the test.
+    """The result of the test."""
 
-    Attributes:
-        p: p-value over all statistics; None where nothing can be tested.
-        players: (N,) p-values of each player's own; empty where nothing can be tested.
-        reason: what fits least, on one line, or why nothing can be tested.
-    """
-
-    p: float | None
-    players: np.ndarray
-    reason: str
+    p: float | None  # p-value over all statistics; None where nothing can be tested
+    players: np.ndarray  # (N,) p-values of each player's own; empty where nothing can be tested
+    reason: str  # what fits least, on one line, or why nothing can be tested
 
     @property
     def verdict(self) -> str:
@@ -84,13 +78,9 @@ def not_testable(reason: str) -> FitTest:
 
 @dataclass(frozen=True)
 class Layout:
-    """Which residuals of a recording belong together.
+    """Which residuals of a recording belong together."""
 
-    Attributes:
-        seen: (T, N, d) which samples there are.
-    """
-
-    seen: np.ndarray
+    seen: np.ndarray  # (T, N, d) which samples there are
 
     def statistics(self, residuals: np.ndarray, deviations: np.ndarray) -> np.ndarray:
         """(B, 3, 1 + N) statistics over all and of each player, of residuals (B, n).

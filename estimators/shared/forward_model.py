@@ -69,16 +69,11 @@ _SAME_MOTION = 0.05
 
 @dataclass(frozen=True)
 class SolvedGame:
-    """A root of the first-order conditions and what it belongs to.
+    """A root of the first-order conditions and what it belongs to."""
 
-    Attributes:
-        root: the root.
-        weights: (N, K).
-        parameters: (N, U) standardised values of the game's unknowns; None where it has none.
-    """
-
-    root: Root
-    weights: np.ndarray
+    root: Root  # the root
+    weights: np.ndarray  # (N, K)
+    #: (N, U) standardised values of the game's unknowns; None where it has none.
     parameters: np.ndarray | None = None
 
     @property

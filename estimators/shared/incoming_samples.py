@@ -95,9 +95,7 @@ class Samples:
     def add(self, sample: np.ndarray) -> None:
         """Take the next sample.
 
-        Raises:
-            StreamEndedError: after the last one.
-            ValueError: on a wrong shape, or on infinity.
+        Raises StreamEndedError after the last one; ValueError on a wrong shape, or on infinity.
         """
         sample, view, game = np.array(sample, dtype=float), self._problem.view, self._problem.game
         if self.count == game.horizon and not self._problem.goes_on:
@@ -152,11 +150,7 @@ class Windows:
     def start(
         self, problem: Problem, *, rng: np.random.Generator, lag: int | None = None
     ) -> Stream:
-        """As of ``StreamEstimator``.
-
-        Raises:
-            ValueError: on a lag below ``LEAST_LAG``.
-        """
+        """As of ``StreamEstimator``; ValueError on a lag below ``LEAST_LAG``."""
         return WindowStream(self.estimator, Samples(problem, lag), rng)
 
 
@@ -168,8 +162,7 @@ def as_stream_estimator(estimator: Any) -> StreamEstimator:
 def warm_up_stream(estimator: Any, problem: Problem, lag: int | None) -> None:
     """Build an estimator's solvers for the windows of every length.
 
-    Raises:
-        ValueError: on a lag below ``LEAST_LAG``.
+    Raises ValueError on a lag below ``LEAST_LAG``.
     """
     if not hasattr(estimator, "warm_up"):
         return
@@ -186,11 +179,7 @@ class WindowStream:
         self._past = Past()
 
     def update(self, sample: np.ndarray, *, budget: float) -> Estimate:
-        """As of ``Stream``.
-
-        Raises:
-            ValueError: as ``Samples.add``, and what the estimator raises.
-        """
+        """As of ``Stream``; ValueError as ``Samples.add``, and what the estimator raises."""
         self._samples.add(sample)
         problem, observation = self._samples.window()
         estimate = self._estimator.estimate(problem, observation, rng=self._rng, budget=budget)
@@ -245,8 +234,7 @@ def as_estimate(result: Any) -> Estimate:
 def checked_lag(lag: int | None) -> int | None:
     """A lag, or None for all samples.
 
-    Raises:
-        ValueError: unless it is an integer of at least ``LEAST_LAG``.
+    Raises ValueError unless it is an integer of at least ``LEAST_LAG``.
     """
     whole = isinstance(lag, int) and not isinstance(lag, bool)
     if lag is not None and not (whole and lag >= LEAST_LAG):

@@ -17,20 +17,13 @@ _MOST_ITERATIONS = 10**6
 
 @dataclass(frozen=True)
 class JointPoint:
-    """Values of all unknowns of the joint problem.
+    """Values of all unknowns of the joint problem."""
 
-    Attributes:
-        states: (T, N, n).
-        controls: (T-1, N, m).
-        costates: (T-1, N, n).
-        weights: (N, K), rows sum to one.
-        parameters: (N, U) standardised values of the game's unknowns; None where it has none.
-    """
-
-    states: np.ndarray
-    controls: np.ndarray
-    costates: np.ndarray
-    weights: np.ndarray
+    states: np.ndarray  # (T, N, n)
+    controls: np.ndarray  # (T-1, N, m)
+    costates: np.ndarray  # (T-1, N, n)
+    weights: np.ndarray  # (N, K), rows sum to one
+    #: (N, U) standardised values of the game's unknowns; None where it has none.
     parameters: np.ndarray | None = None
 
     @property
@@ -58,23 +51,16 @@ class JointPoint:
 
 @dataclass(frozen=True)
 class SeenMotion:
-    """One of several motions that share weights.
+    """One of several motions that share weights."""
 
-    Attributes:
-        game: its game.
-        view: the observation model.
-        y: (T, N, d) observations, NaN where missing.
-        noise_scale: (d,) relative standard deviations of the observations; ones if empty.
-        drivers: (N,) who each player is, from 0 on; players in their order if empty.
-        situation: motions of one situation share the values of their unknowns; None for values of
-            its own.
-    """
-
-    game: Game
-    view: View
-    y: np.ndarray
+    game: Game  # its game
+    view: View  # the observation model
+    y: np.ndarray  # (T, N, d) observations, NaN where missing
+    #: (d,) relative standard deviations of the observations; ones if empty.
     noise_scale: Sequence[float] = ()
+    #: (N,) who each player is, from 0 on; players in their order if empty.
     drivers: Sequence[int] = ()
+    #: Motions of one situation share the values of their unknowns; None for values of its own.
     situation: int | None = None
 
     @property
@@ -102,32 +88,23 @@ def inside(point: JointPoint, floor: float) -> JointPoint:
 class JointSettings:
     """How a joint problem is posed and solved.
 
-    Attributes:
-        noise_scale: (d,) relative standard deviations of the observations; ones if empty.
-        weight_floor: lower bound of every weight, below 1/K.
-        tie: factor of a further term |theta - 1/K|^2 of what is minimised, which holds the weights
-            near uniform.
-        parameter_tie: factor of a term |s|^2 of standardised unknowns.
-        barrier: factors, one or (N, K), of further terms -log(theta - floor): with 2 sigma^2 alpha
-            they are the Dirichlet prior of ``map``.
-        tolerance: on all optimality conditions.
-        max_iterations: largest number of iterations.
-        first_barrier: initial barrier parameter (native method only).
-        limit: wall-clock seconds (native method only; IPOPT stops by its iterations).
-
-    Raises:
-        ValueError: on a number of iterations out of range.
+    Raises ValueError on a number of iterations out of range.
     """
 
+    #: (d,) relative standard deviations of the observations; ones if empty.
     noise_scale: Sequence[float] = ()
-    weight_floor: float = 1e-5
+    weight_floor: float = 1e-5  # lower bound of every weight, below 1/K
+    #: Factor of a further term |theta - 1/K|^2 of what is minimised, which holds the weights
+    #: near uniform.
     tie: float = 0.0
-    parameter_tie: float = 0.0
+    parameter_tie: float = 0.0  # factor of a term |s|^2 of standardised unknowns
+    #: Factors, one or (N, K), of further terms -log(theta - floor): with 2 sigma^2 alpha they
+    #: are the Dirichlet prior of ``map``.
     barrier: float | np.ndarray = 0.0
-    tolerance: float = 1e-9
-    max_iterations: int = 300
-    first_barrier: float = 0.1
-    limit: float = 60.0
+    tolerance: float = 1e-9  # on all optimality conditions
+    max_iterations: int = 300  # largest number of iterations
+    first_barrier: float = 0.1  # initial barrier parameter (native method only)
+    limit: float = 60.0  # wall-clock seconds (native method only; IPOPT stops by its iterations)
 
     def __post_init__(self) -> None:
         if not 0 <= self.max_iterations <= _MOST_ITERATIONS:
@@ -138,8 +115,7 @@ class JointSettings:
     def check_floor(self, num_weights: int) -> None:
         """Check that some weights satisfy the floor.
 
-        Raises:
-            ValueError: if none do; the message gives the floor and its range.
+        Raises ValueError if none do; the message gives the floor and its range.
         """
         if not 0 <= self.weight_floor * num_weights < 1:
             raise ValueError(
@@ -177,23 +153,14 @@ _MESSAGES = {
 
 @dataclass(frozen=True)
 class JointSolution:
-    """The result of one start.
+    """The result of one start."""
 
-    Attributes:
-        points: the last point of each trajectory; all have the same weights.
-        objective: sum of squared observation errors.
-        iterations: iterations of the interior-point method.
-        status: whether this is a local optimum to the back end's tolerance, or why not.
-        detail: IPOPT's own status if it failed.
-        penalty: what the terms of ``tie`` and ``barrier`` add.
-    """
-
-    points: tuple[JointPoint, ...]
-    objective: float
-    iterations: int
-    status: Status
-    detail: str = ""
-    penalty: float = 0.0
+    points: tuple[JointPoint, ...]  # the last point of each trajectory; all have the same weights
+    objective: float  # sum of squared observation errors
+    iterations: int  # iterations of the interior-point method
+    status: Status  # whether this is a local optimum to the back end's tolerance, or why not
+    detail: str = ""  # IPOPT's own status if it failed
+    penalty: float = 0.0  # what the terms of ``tie`` and ``barrier`` add
 
     @property
     def criterion(self) -> float:

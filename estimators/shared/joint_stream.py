@@ -64,11 +64,7 @@ class JointStream:
         self._past = Past()
 
     def update(self, sample: np.ndarray, *, budget: float) -> Estimate:
-        """As of ``Stream``.
-
-        Raises:
-            ValueError: as ``Samples.add``.
-        """
+        """As of ``Stream``; ValueError as ``Samples.add``."""
         deadline = time.monotonic() + budget
         self._samples.add(sample)
         problem, (observation,) = with_white_noise(*self._samples.window())

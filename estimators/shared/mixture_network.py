@@ -28,17 +28,11 @@ _FARTHEST = 12.0
 
 @dataclass(frozen=True)
 class Mixture:
-    """C Gaussians in D dimensions.
+    """C Gaussians in D dimensions."""
 
-    Attributes:
-        logits: (C,) logarithms of the weights, up to a constant.
-        means: (C, D).
-        triangles: (C, D, D) lower triangular P with positive diagonal.
-    """
-
-    logits: np.ndarray
-    means: np.ndarray
-    triangles: np.ndarray
+    logits: np.ndarray  # (C,) logarithms of the weights, up to a constant
+    means: np.ndarray  # (C, D)
+    triangles: np.ndarray  # (C, D, D) lower triangular P with positive diagonal
 
     def log_density(self, points: np.ndarray) -> np.ndarray:
         """(B,) at points (B, D)."""
@@ -59,27 +53,16 @@ class Mixture:
 
 @dataclass(frozen=True)
 class MixtureNetwork:
-    """A trained network.
+    """A trained network."""
 
-    Attributes:
-        layers: its layers.
-        centre: (T, N, n) mean of the states over training draws.
-        spread: (T, N, n) their standard deviation.
-        sigmas: least and largest noise level that it was trained for.
-        components: number of Gaussians.
-        size: D, of one pass.
-        passes: 1, or N for players one after the other.
-        game: identifies the game that it was trained for.
-    """
-
-    layers: Layers
-    centre: np.ndarray
-    spread: np.ndarray
-    sigmas: tuple[float, float]
-    components: int
-    size: int
-    passes: int
-    game: str
+    layers: Layers  # its layers
+    centre: np.ndarray  # (T, N, n) mean of the states over training draws
+    spread: np.ndarray  # (T, N, n) their standard deviation
+    sigmas: tuple[float, float]  # least and largest noise level that it was trained for
+    components: int  # number of Gaussians
+    size: int  # D, of one pass
+    passes: int  # 1, or N for players one after the other
+    game: str  # identifies the game that it was trained for
 
     @classmethod
     def read(cls, path: Path) -> "MixtureNetwork":

@@ -90,9 +90,8 @@ class OuterResiduals:
     def minimised(self, max_evaluations: int, tolerance: float = _TOLERANCE) -> OptimizeResult:
         """Gauss-Newton from the games, with a trust region.
 
-        Raises:
-            StoppedError: as ``values`` and ``jacobian`` do.
-            ValueError: if there is no equilibrium at the start.
+        Raises StoppedError as ``values`` and ``jacobian`` do; ValueError if there is no equilibrium
+        at the start.
         """
         lower, upper = self.bounds()
         return least_squares(
@@ -110,8 +109,7 @@ class OuterResiduals:
     def values(self, unknowns: np.ndarray) -> np.ndarray:
         """Errors of all samples that were seen, infinite if there is no equilibrium.
 
-        Raises:
-            StoppedError: after the deadline.
+        Raises StoppedError after the deadline.
         """
         if time.monotonic() > self._deadline:
             raise StoppedError(NO_TIME)
@@ -131,8 +129,7 @@ class OuterResiduals:
     def jacobian(self, unknowns: np.ndarray) -> np.ndarray:
         """Derivative of ``values``, exact; later games are followed from this point.
 
-        Raises:
-            StoppedError: if the equilibrium is not a function of the unknowns.
+        Raises StoppedError if the equilibrium is not a function of the unknowns.
         """
         games = self._play(unknowns)
         try:
@@ -197,13 +194,9 @@ class OuterResiduals:
 
 @dataclass(frozen=True)
 class HeldWeights:
-    """A chart without coordinates: all weights are held.
+    """A chart without coordinates: all weights are held."""
 
-    Attributes:
-        held: (N, K).
-    """
-
-    held: np.ndarray
+    held: np.ndarray  # (N, K)
 
     @property
     def size(self) -> int:

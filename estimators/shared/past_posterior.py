@@ -205,18 +205,12 @@ class PastPeaks:
 
 @dataclass(frozen=True)
 class Outset:
-    """Where a filter of one trajectory begins.
+    """Where a filter of one trajectory begins."""
 
-    Attributes:
-        prior: belief before the first measurement.
-        games: games, followed from the first one.
-        first: time of the last measurement on which the first game rests.
-        peaks: points of the most probable games so far; None if the filter peeks.
-    """
-
-    prior: Gaussian
-    games: FollowedGames
-    first: int = 0
+    prior: Gaussian  # belief before the first measurement
+    games: FollowedGames  # games, followed from the first one
+    first: int = 0  # time of the last measurement on which the first game rests
+    #: Points of the most probable games so far; None if the filter peeks.
     peaks: PastPeaks | None = None
 
 

@@ -45,29 +45,17 @@ _LEAST_SHARE = 0.05
 
 @dataclass(frozen=True)
 class Peak:
-    """A place from which fits start, and the directions of (P1).
+    """A place from which fits start, and the directions of (P1)."""
 
-    Attributes:
-        place: one place.
-        directions: Q (O, d).
-        triangle: R (d, d).
-        sign: of det Q' J there.
-        width: root of the mean variance of the coordinates, by Laplace's approximation.
-    """
-
-    place: Places
-    directions: np.ndarray
-    triangle: np.ndarray
-    sign: float
-    width: float
+    place: Places  # one place
+    directions: np.ndarray  # Q (O, d)
+    triangle: np.ndarray  # R (d, d)
+    sign: float  # of det Q' J there
+    width: float  # root of the mean variance of the coordinates, by Laplace's approximation
 
     @classmethod
     def at(cls, place: Places) -> "Peak":
-        """Fits from one place.
-
-        Raises:
-            LinAlgError: if the errors do not depend on a direction there.
-        """
+        """Fits from one place; LinAlgError if the errors do not depend on a direction there."""
         q, r = np.linalg.qr(place.rows[0])
         size = np.abs(np.diag(r))
         if not size.min() > 1e-12 * size.max():
@@ -112,19 +100,12 @@ def counts_of(peaks: Sequence[Peak], total: int) -> list[int]:
 
 @dataclass(frozen=True)
 class Fits:
-    """Points of the mixture of all peaks.
+    """Points of the mixture of all peaks."""
 
-    Attributes:
-        parts: places that solve (P1), those from one peak after the other; M in all.
-        log_weights: (M,) log pi / q, normalised: their exponentials sum to one.
-        asked: number of fits that were begun.
-        tried: points at which F was asked for.
-    """
-
-    parts: Sequence[Places]
-    log_weights: np.ndarray
-    asked: int
-    tried: int
+    parts: Sequence[Places]  # places that solve (P1), those from one peak after the other; M in all
+    log_weights: np.ndarray  # (M,) log pi / q, normalised: their exponentials sum to one
+    asked: int  # number of fits that were begun
+    tried: int  # points at which F was asked for
 
     @property
     def points(self) -> np.ndarray:

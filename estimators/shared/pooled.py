@@ -26,42 +26,27 @@ from olne_bench.games.solve.information import inverse_on_tangent, of_seen
 
 @dataclass(frozen=True)
 class Recorded:
-    """One of several motions.
+    """One of several motions."""
 
-    Attributes:
-        problem: what is known of it.
-        observation: what was seen.
-        drivers: (N,) who each player is, from 0 on.
-    """
-
-    problem: Problem
-    observation: Observation
-    drivers: tuple[int, ...]
+    problem: Problem  # what is known of it
+    observation: Observation  # what was seen
+    drivers: tuple[int, ...]  # (N,) who each player is, from 0 on
 
 
 @dataclass(frozen=True)
 class Together:
-    """What several motions say about the weights of their drivers.
+    """What several motions say about the weights of their drivers."""
 
-    Attributes:
-        weights: (D, K), rows sum to one.
-        states: (T, N, n) of each motion; None where there is no solution.
-        parameters: (N, U) of the unknowns of each motion, in their units; None where it has none.
-        covariance: (D*K, D*K) of the weights, or None.
-        samples: (M, D, K) of equal probability, or None.
-        converged: whether the method itself considers the result valid.
-        message: one line that explains a failure.
-        objective: squared errors in units of the first motion's noise scales.
-    """
-
-    weights: np.ndarray
+    weights: np.ndarray  # (D, K), rows sum to one
+    #: (T, N, n) of each motion; None where there is no solution.
     states: tuple[np.ndarray | None, ...]
+    #: (N, U) of the unknowns of each motion, in their units; None where it has none.
     parameters: tuple[np.ndarray | None, ...]
-    covariance: np.ndarray | None
-    converged: bool
-    message: str
-    objective: float
-    samples: np.ndarray | None = None
+    covariance: np.ndarray | None  # (D*K, D*K) of the weights, or None
+    converged: bool  # whether the method itself considers the result valid
+    message: str  # one line that explains a failure
+    objective: float  # squared errors in units of the first motion's noise scales
+    samples: np.ndarray | None = None  # (M, D, K) of equal probability, or None
 
 
 def checked(motions: Sequence[Recorded]) -> list[Recorded]:

@@ -55,23 +55,14 @@ _SHORTEST, _FLAT = 1e-3, 1e-4
 
 @dataclass(frozen=True)
 class Places:
-    """B points and what is known of F there. Where F has no value, it is zero.
+    """B points and what is known of F there. Where F has no value, it is zero."""
 
-    Attributes:
-        points: (B, d).
-        errors: F (B, O).
-        rows: (B,) arrays (O, d), its derivatives, which are not copied where places are.
-        possible: (B,) whether F has a value.
-        roots: (B, ...) what further points are followed from; only the density reads it.
-        tilts: (B,) what the log of the density has beside -|F|^2 / 2.
-    """
-
-    points: np.ndarray
-    errors: np.ndarray
-    rows: np.ndarray
-    possible: np.ndarray
-    roots: np.ndarray
-    tilts: np.ndarray
+    points: np.ndarray  # (B, d)
+    errors: np.ndarray  # F (B, O)
+    rows: np.ndarray  # (B,) arrays (O, d), its derivatives, which are not copied where places are
+    possible: np.ndarray  # (B,) whether F has a value
+    roots: np.ndarray  # (B, ...) what further points are followed from; only the density reads it
+    tilts: np.ndarray  # (B,) what the log of the density has beside -|F|^2 / 2
 
     def __len__(self) -> int:
         return len(self.points)
@@ -139,15 +130,10 @@ _FACTORISATIONS = 4
 
 @dataclass(frozen=True)
 class StartPrior:
-    """A normal prior of the initial state.
+    """A normal prior of the initial state."""
 
-    Attributes:
-        mean: (N, n).
-        deviation: (N, n) standard deviations; infinite where nothing is known.
-    """
-
-    mean: np.ndarray
-    deviation: np.ndarray
+    mean: np.ndarray  # (N, n)
+    deviation: np.ndarray  # (N, n) standard deviations; infinite where nothing is known
 
     def near(self, start: np.ndarray, heading: int) -> "StartPrior":
         """The same prior with headings, in a column of the state, within half a turn of a start."""
@@ -159,21 +145,13 @@ class StartPrior:
 
 @dataclass(frozen=True)
 class GameDensity:
-    """Errors and their derivatives.
+    """Errors and their derivatives."""
 
-    Attributes:
-        problem: what is known; its noise is white and its sigma positive.
-        observation: what was seen.
-        chart: coordinates of weights and unknowns.
-        deadline: in seconds of ``time.monotonic``.
-        start: prior of x_1, which is flat without one.
-    """
-
-    problem: Problem
-    observation: Observation
-    chart: NormalChart
-    deadline: float
-    start: StartPrior | None = None
+    problem: Problem  # what is known; its noise is white and its sigma positive
+    observation: Observation  # what was seen
+    chart: NormalChart  # coordinates of weights and unknowns
+    deadline: float  # in seconds of ``time.monotonic``
+    start: StartPrior | None = None  # prior of x_1, which is flat without one
 
     def place(self, game: SolvedGame) -> Places:
         """The place of a known game."""

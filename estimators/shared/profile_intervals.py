@@ -31,19 +31,12 @@ _SMALLEST_STEP = 1e-4
 
 @dataclass(frozen=True)
 class OneHeld:
-    """A chart of weights (N, K) of which one is held; the others fill what is left.
+    """A chart of weights (N, K) of which one is held; the others fill what is left."""
 
-    Attributes:
-        start: (N, K) weights with the held one among them.
-        player: whose weight is held.
-        weight: which one.
-        floor: least value of every weight.
-    """
-
-    start: np.ndarray
-    player: int
-    weight: int
-    floor: float
+    start: np.ndarray  # (N, K) weights with the held one among them
+    player: int  # whose weight is held
+    weight: int  # which one
+    floor: float  # least value of every weight
 
     @property
     def size(self) -> int:

@@ -63,8 +63,7 @@ class FilterRun(ABC):
     def take_in(self, observation: Observation) -> None:
         """Filter a trajectory, starting from the current belief about the weights.
 
-        Raises:
-            LostError: if the filter cannot continue.
+        Raises LostError if the filter cannot continue.
         """
         problem, given = self._problem, (self.belief, self._spread, self._deadline)
         begin = outset(problem, observation, *given, peek=self._peek)

@@ -39,8 +39,7 @@ def with_white_noise(
 ) -> tuple[Problem, tuple[Observation, ...]]:
     """The equivalent problem of independent noise, and its observations in double precision.
 
-    Raises:
-        ValueError: as in ``check_observations``.
+    Raises ValueError as in ``check_observations``.
     """
     observations = check_observations(problem, observation)
     matrix = None

@@ -57,17 +57,12 @@ def is_window(y: np.ndarray) -> bool:
 
 @dataclass(frozen=True)
 class WindowPoints:
-    """Points at uniform weights.
+    """Points at uniform weights."""
 
-    Attributes:
-        played: the game that iterated best response finds; the free drive if it finds none.
-        seen: the samples, then the free drive from there.
-        free: the free drive.
-    """
-
+    #: The game that iterated best response finds; the free drive if it finds none.
     played: JointPoint
-    seen: JointPoint
-    free: JointPoint
+    seen: JointPoint  # the samples, then the free drive from there
+    free: JointPoint  # the free drive
 
 
 def window_points(problem: Problem, y: np.ndarray) -> WindowPoints:

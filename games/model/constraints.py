@@ -51,10 +51,7 @@ class Distance:
     """Two players' positions stay ``distance`` [m] apart: circles around them do not overlap.
 
     The margin ``(|p_i - p_j|^2 - distance^2) / (2 distance)`` [m] is smooth, and close to the gap
-    between the circles where they nearly touch.
-
-    Raises:
-        ValueError: if the distance is not positive.
+    between the circles where they nearly touch. Raises ValueError if the distance is not positive.
     """
 
     players: tuple[int, int]
@@ -74,14 +71,12 @@ class Distance:
 class Ellipse:
     """The second player's position stays outside an ellipse around the first player.
 
-    The states need a ``heading``. The margin is the squared distance in half-axes, less one.
+    The states need a ``heading``. The margin is the squared distance in half-axes, less one. Raises
+    ValueError if a half-axis is not positive.
 
     Attributes:
         length: half-axis along the first player's heading [m].
         width: half-axis across it [m].
-
-    Raises:
-        ValueError: if a half-axis is not positive.
     """
 
     players: tuple[int, int]
@@ -106,8 +101,7 @@ class Ellipse:
 class ControlBound:
     """``lower <= control component <= upper``, in the component's unit; None where unbounded.
 
-    Raises:
-        ValueError: if the range has no width.
+    Raises ValueError if the range has no width.
     """
 
     players: tuple[int]
@@ -133,8 +127,7 @@ class ControlBound:
 class StateBound:
     """``lower <= state component <= upper``, in the component's unit; None where unbounded.
 
-    Raises:
-        ValueError: if the range has no width.
+    Raises ValueError if the range has no width.
     """
 
     players: tuple[int]
@@ -158,15 +151,13 @@ class StateBound:
 class RoadEdge:
     """The player's position stays on one side of a line.
 
-    The margin is the distance [m] from the line, less ``clearance``.
+    The margin is the distance [m] from the line, less ``clearance``. Raises ValueError if the
+    direction is zero.
 
     Attributes:
         point: a point of the line [m].
         inward: the direction, at right angles to the line, that points to the road; any length.
         clearance: smallest distance from the line [m].
-
-    Raises:
-        ValueError: if the direction is zero.
     """
 
     players: tuple[int]
@@ -196,10 +187,8 @@ def described(constraint: Constraint) -> str:
 def constraint_unknowns(constraints: Sequence[Constraint]) -> dict[str, tuple[Unknown, int]]:
     """The unknowns that constraints hold, by name, and the player with which each is listed.
 
-    That is the first player of the first constraint that holds it.
-
-    Raises:
-        ValueError: if unknowns of one name differ.
+    That is the first player of the first constraint that holds it. Raises ValueError if unknowns of
+    one name differ.
     """
     found: dict[str, tuple[Unknown, int]] = {}
     for constraint in constraints:
@@ -242,9 +231,8 @@ def check_constraints(
 ) -> None:
     """Refuse constraints that cannot belong to a game.
 
-    Raises:
-        ValueError: on players or components that do not exist, a step beyond the horizon, or
-            constraints of one player that contradict each other.
+    Raises ValueError on players or components that do not exist, a step beyond the horizon, or
+    constraints of one player that contradict each other.
     """
     for constraint in constraints:
         players, what = constraint.players, described(constraint)

@@ -13,18 +13,12 @@ VIOLATION_TOLERANCE = 1e-8
 
 @dataclass(frozen=True)
 class Gains:
-    """What each player could gain by deviating alone, as far as it was searched.
+    """What each player could gain by deviating alone, as far as it was searched."""
 
-    Attributes:
-        values: (N,) J^i(equilibrium) - J^i(best response found); about 0 or negative at an
-            equilibrium.
-        starts: (N,) number of first plans from which responses were computed.
-        passed: whether every player's gain is within the tolerance.
-    """
-
+    #: (N,) J^i(equilibrium) - J^i(best response found); about 0 or negative at an equilibrium.
     values: np.ndarray
-    starts: np.ndarray
-    passed: bool
+    starts: np.ndarray  # (N,) number of first plans from which responses were computed
+    passed: bool  # whether every player's gain is within the tolerance
 
 
 @dataclass(frozen=True)
@@ -37,20 +31,15 @@ class Certificate:
     far from the equilibrium: none of them leads to a better plan. That is no proof that there is
     none. With constraints, a response has to keep the player's private ones and, against the
     others' motion, the shared ones that look at it.
-
-    Attributes:
-        costs: (N,) J^i at the equilibrium.
-        tolerance: allowed gain relative to 1 + |J^i|.
-        local: gains by nearby plans. They do not pass unless G is zero and the responses converge.
-        global_so_far: gains by plans far away; None if they were not looked for.
-        violation: largest violation of a constraint, in its margin's unit. Beyond
-            ``VIOLATION_TOLERANCE`` the local part does not pass.
     """
 
-    costs: np.ndarray
-    tolerance: float
+    costs: np.ndarray  # (N,) J^i at the equilibrium
+    tolerance: float  # allowed gain relative to 1 + |J^i|
+    #: Gains by nearby plans. They do not pass unless G is zero and the responses converge.
     local: Gains
-    global_so_far: Gains | None = None
+    global_so_far: Gains | None = None  # gains by plans far away; None if they were not looked for
+    #: Largest violation of a constraint, in its margin's unit. Beyond ``VIOLATION_TOLERANCE``
+    #: the local part does not pass.
     violation: float = 0.0
 
     @property
@@ -84,26 +73,19 @@ def _none() -> np.ndarray:
 
 @dataclass(frozen=True)
 class Equilibrium:
-    """A solution of a forward game.
+    """A solution of a forward game."""
 
-    Attributes:
-        states: (T, N, n).
-        controls: (T-1, N, m).
-        costates: (T-1, N, n), of each player's own state; what constraints on the next state add to
-            them is left out (``games.compiled.complementarity``).
-        residual: max |G|, the complementarity of constraints included.
-        certificate: evidence; ``certificate.passed`` is False if the solver failed.
-        multipliers: (T, C) of all margins, in the order of ``game.constraints``; those of a shared
-            constraint are common to its players. Zero where a margin is not enforced.
-        margins: (T, C), infinite where they are not enforced. Without constraints, both are empty.
-    """
-
-    states: np.ndarray
-    controls: np.ndarray
+    states: np.ndarray  # (T, N, n)
+    controls: np.ndarray  # (T-1, N, m)
+    #: (T-1, N, n), of each player's own state; what constraints on the next state add to them
+    #: is left out (``games.compiled.complementarity``).
     costates: np.ndarray
-    residual: float
-    certificate: Certificate
+    residual: float  # max |G|, the complementarity of constraints included
+    certificate: Certificate  # evidence; ``certificate.passed`` is False if the solver failed
+    #: (T, C) of all margins, in the order of ``game.constraints``; those of a shared constraint
+    #: are common to its players. Zero where a margin is not enforced.
     multipliers: np.ndarray = field(default_factory=_none)
+    #: (T, C), infinite where they are not enforced. Without constraints, both are empty.
     margins: np.ndarray = field(default_factory=_none)
 
     def __repr__(self) -> str:

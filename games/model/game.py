@@ -65,16 +65,15 @@ class Player:
 class Game:
     """An open-loop dynamic game without weights and initial state, hence without ground truth.
 
+    Raises ValueError if a parameter is out of range, the players' preferences differ in name, or
+    constraints do not fit the game or contradict each other.
+
     Attributes:
         players: N players whose preferences carry the same names in the same order.
         dynamics: the motion model of every player.
         horizon: T, number of states of a trajectory, at least 2.
         dt: step [s], positive.
         constraints: what the players have to keep, shared (several players) and private (one).
-
-    Raises:
-        ValueError: if a parameter is out of range, the players' preferences differ in name, or
-            constraints do not fit the game or contradict each other.
     """
 
     players: tuple[Player, ...]
@@ -216,8 +215,7 @@ class Game:
     def check_weights(self, weights: np.ndarray) -> np.ndarray:
         """Weights as float64 (N, K), each row scaled to sum one.
 
-        Raises:
-            ValueError: on a wrong shape, a negative or non-finite entry, or a row of zeros.
+        Raises ValueError on a wrong shape, a negative or non-finite entry, or a row of zeros.
         """
         weights = np.asarray(weights, dtype=float)
         expected = (self.num_players, self.num_weights)
@@ -246,11 +244,7 @@ class Game:
         return np.hstack([self.check_weights(weights), parameters])
 
     def check_initial_state(self, initial_state: np.ndarray) -> np.ndarray:
-        """Initial state as float64 (N, n).
-
-        Raises:
-            ValueError: on a wrong shape or a non-finite entry.
-        """
+        """Initial state as float64 (N, n); ValueError on a wrong shape or a non-finite entry."""
         initial_state = np.asarray(initial_state, dtype=float)
         expected = self.state_shape[1:]
         if initial_state.shape != expected:
@@ -268,10 +262,8 @@ def listed_unknowns(
     """The unknowns of each player: those of its features, then those of constraints.
 
     A constraint's number is nobody's own. It is listed once, with the first player of the first
-    constraint that holds it, and all constraints that hold unknowns of this name share it.
-
-    Raises:
-        ValueError: if unknowns of one name differ, or a feature's and a constraint's share a name.
+    constraint that holds it, and all constraints that hold unknowns of this name share it. Raises
+    ValueError if unknowns of one name differ, or a feature's and a constraint's share a name.
     """
     listed = [unknowns_of(player) for player in players]
     shared = constraint_unknowns(constraints)

@@ -189,20 +189,17 @@ MOST_GAP = 8.0
 class LaneKeeping:
     """``scale * (beside / width)^2 + heading_scale * 2 (1 - cos(heading - heading of the lane))``.
 
-    Along a route of several lanes the costs of two neighbours are blended by a logistic function
-    of the distance past the end of the earlier one, within about ``blend`` metres. Beside the lane
+    Along a route of several lanes the costs of two neighbours are blended by a logistic function of
+    the distance past the end of the earlier one, within about ``blend`` metres. Beside the lane
     this distance counts for more. For who turns off at a right angle stays a few metres past the
     end for ever, as does who leaves an arc straight on, while the distance to the lane grows: a
     small share of its cost would grow without bound. The states need a ``heading``; angles need no
-    unwrapping.
+    unwrapping. Raises ValueError on a route without lanes, or of lanes that do not join.
 
     Attributes:
         route: lanes in driving order, at least one.
         width: unit of the lateral deviation [m].
         blend: length of the transition between lanes [m].
-
-    Raises:
-        ValueError: on a route without lanes, or of lanes that do not join.
     """
 
     route: tuple[Lane, ...]
@@ -272,8 +269,7 @@ class LaneKeeping:
     def resized(self, size: int) -> "RouteTable":
         """The same cost as a table of ``size`` lanes; the last one is repeated, without effect.
 
-        Raises:
-            ValueError: if the route is longer.
+        Raises ValueError if the route is longer.
         """
         spare = size - len(self.route)
         if spare < 0:

@@ -32,15 +32,10 @@ _TRIES = 3
 
 @dataclass(frozen=True)
 class Structure:
-    """What games of one family have in common.
+    """What games of one family have in common."""
 
-    Attributes:
-        players: of the game, with zeros for their numbers.
-        dynamics: the motion model.
-    """
-
-    players: tuple[Player, ...]
-    dynamics: Dynamics
+    players: tuple[Player, ...]  # of the game, with zeros for their numbers
+    dynamics: Dynamics  # the motion model
     constraints: tuple[Constraint, ...] = ()
 
     @property

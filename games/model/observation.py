@@ -104,9 +104,8 @@ class FullView(View):
 class ComponentView(View):
     """The named state components, in that order.
 
-    Raises:
-        ValueError: unless they are different names; at its first use, on one that the state does
-            not have.
+    Raises ValueError unless they are different names; at its first use, on one that the state does
+    not have.
     """
 
     name: str
@@ -142,21 +141,19 @@ class ComponentView(View):
 class RangeBearingView(View):
     """Range [m] and bearing [rad] from a sensor at a fixed place, as a roadside LiDAR reports.
 
-    The bearing is measured counter-clockwise from the direction that the sensor faces, within
-    [-pi, pi]. It jumps when a player passes behind the sensor, so the sensor should face the scene.
-    It is not differentiable at the sensor's position.
+    The bearing is measured counter-clockwise from the direction that the sensor faces, within [-pi,
+    pi]. It jumps when a player passes behind the sensor, so the sensor should face the scene. It is
+    not differentiable at the sensor's position.
 
     Noise on the range has the scale of noise on a position. Noise on the bearing has another scale:
     at the default of 0.1 rad/m, a sigma of 0.1 m comes with 0.01 rad, which is 1 m across the line
-    of sight at a distance of 100 m.
+    of sight at a distance of 100 m. Raises ValueError on numbers that are not finite, or a
+    bearing_scale that is not positive.
 
     Attributes:
         position: position of the sensor, px and py [m].
         facing: direction of bearing zero [rad], counter-clockwise from the x axis.
         bearing_scale: standard deviation of the bearing over that of the range [rad/m].
-
-    Raises:
-        ValueError: on numbers that are not finite, or a bearing_scale that is not positive.
     """
 
     position: tuple[float, float] = (0.0, 0.0)
@@ -215,8 +212,7 @@ class RangeBearingView(View):
 class StackedView(View):
     """Views applied in turn, the lowest first: each observes the output of the one below.
 
-    Raises:
-        ValueError: at its first use, if a view removed a component that one above it needs.
+    Raises ValueError at its first use, if a view removed a component that one above it needs.
     """
 
     views: tuple[View, ...]
@@ -310,8 +306,7 @@ class WhitenedView(View):
 def whitening(covariance: np.ndarray | Sequence[Sequence[float]]) -> np.ndarray:
     """W (d, d), lower triangular, that turns noise of that covariance into unit white noise.
 
-    Raises:
-        ValueError: unless the covariance is symmetric and positive definite.
+    Raises ValueError unless the covariance is symmetric and positive definite.
     """
     covariance = np.asarray(covariance, dtype=float)
     if covariance.ndim != 2 or covariance.shape[0] != covariance.shape[1]:
@@ -336,11 +331,7 @@ def stacked(views: Sequence[View]) -> View:
 
 
 def _columns(view: View, components: tuple[str, ...], dynamics: Components) -> list[int]:
-    """Indices of these components in a state.
-
-    Raises:
-        ValueError: if it lacks one.
-    """
+    """Indices of these components in a state; ValueError if it lacks one."""
     for component in components:
         if component not in dynamics.state_names:
             raise ValueError(

@@ -113,8 +113,7 @@ class GapsLayer(ABC):
 class Drops(GapsLayer):
     """Each player is missed with probability p, independently of the others and of the past.
 
-    Raises:
-        ValueError: if p is not a probability.
+    Raises ValueError if p is not a probability.
     """
 
     p: float
@@ -146,11 +145,7 @@ class Stack:
 
     @classmethod
     def of(cls, layers: Sequence[Layer]) -> "Stack":
-        """Sort layers.
-
-        Raises:
-            ValueError: on two noise layers, or on an object that is not a layer.
-        """
+        """Sort layers; ValueError on two noise layers, or on an object that is not a layer."""
         for layer in layers:
             if not isinstance(layer, View | NoiseLayer | GapsLayer):
                 raise ValueError(

@@ -17,15 +17,11 @@ from olne_bench.games.model.game import Game, Player
 
 @dataclass(frozen=True)
 class StageCosts:
-    """The costs of single steps; players are columns.
+    """The costs of single steps; players are columns."""
 
-    Attributes:
-        running: ``(states (n, N), controls (m, N), weights (K, N)) -> costs (N,)`` of a step t < T.
-        final: ``(states (n, N), weights (K, N)) -> costs (N,)`` of the last state.
-    """
-
+    #: ``(states (n, N), controls (m, N), weights (K, N)) -> costs (N,)`` of a step t < T.
     running: ca.Function
-    final: ca.Function
+    final: ca.Function  # ``(states (n, N), weights (K, N)) -> costs (N,)`` of the last state
 
 
 @lru_cache(maxsize=64)

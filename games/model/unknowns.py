@@ -19,7 +19,9 @@ import numpy as np
 class Unknown:
     """A number that is not known, and what is known about it.
 
-    Two features of a player that hold unknowns of the same name share the number.
+    Two features of a player that hold unknowns of the same name share the number. Raises ValueError
+    on a range without width, a mean outside of it, or a deviation that is not positive; the message
+    names the parameter.
 
     Attributes:
         name: of the parameter, such as ``target speed``.
@@ -28,10 +30,6 @@ class Unknown:
         high: the number is below.
         mean: of the Gaussian that describes it before any observation.
         deviation: its standard deviation.
-
-    Raises:
-        ValueError: on a range without width, a mean outside of it, or a deviation that is not
-            positive; the message names the parameter.
     """
 
     name: str
@@ -73,8 +71,7 @@ class Unknown:
 def unknowns_of(thing: Any) -> tuple[Unknown, ...]:
     """The unknowns of a dataclass or a tuple of them, each name once, in their order.
 
-    Raises:
-        ValueError: if unknowns of one name differ.
+    Raises ValueError if unknowns of one name differ.
     """
     found: dict[str, Unknown] = {}
 
@@ -161,8 +158,7 @@ class Parameters:
     def check(self, values: np.ndarray) -> np.ndarray:
         """Values (N, U) as float64.
 
-        Raises:
-            ValueError: on a wrong shape, or a number that is missing or out of its range.
+        Raises ValueError on a wrong shape, or a number that is missing or out of its range.
         """
         values = np.asarray(values, dtype=float)
         if values.shape != (len(self.unknowns), self.count):
@@ -199,8 +195,7 @@ def only_weights(parameters: Parameters) -> str | None:
 def refuse_unknowns(parameters: Parameters, who: str) -> None:
     """Refuse a game that has unknowns besides its weights.
 
-    Raises:
-        ValueError: if it has; the message names who refuses, player and parameters.
+    Raises ValueError if it has; the message names who refuses, player and parameters.
     """
     if reason := only_weights(parameters):
         raise ValueError(f"{who} {reason}")

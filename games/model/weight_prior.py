@@ -19,16 +19,12 @@ LEAST_MASS = 1e-15
 class WeightPrior:
     """A mixture of Dirichlet distributions.
 
-    Attributes:
-        components: (K,) parameters of each distribution; a number stands for K equal ones.
-        shares: probability of each component; all are equal if empty.
-
-    Raises:
-        ValueError: without a component, or on a parameter or share out of range.
+    Raises ValueError without a component, or on a parameter or share out of range.
     """
 
+    #: (K,) parameters of each distribution; a number stands for K equal ones.
     components: tuple[float | tuple[float, ...], ...] = (1.0,)
-    shares: tuple[float, ...] = ()
+    shares: tuple[float, ...] = ()  # probability of each component; all are equal if empty
 
     def __post_init__(self) -> None:
         components = tuple(_parameters(one) for one in self.components)
@@ -52,11 +48,7 @@ class WeightPrior:
         return f"WeightPrior({self.components!r}, shares={self.shares!r})"
 
     def check(self, num_weights: int) -> None:
-        """Refuse a prior of another number of weights.
-
-        Raises:
-            ValueError: naming both numbers.
-        """
+        """Refuse a prior of another number of weights; ValueError naming both numbers."""
         for one in self.components:
             if isinstance(one, tuple) and len(one) != num_weights:
                 raise ValueError(

@@ -69,8 +69,7 @@ def solve_constrained(
 ) -> Equilibrium:
     """Find a variational equilibrium; the arguments are those of ``games.solve.olne.solve_olne``.
 
-    Raises:
-        ValueError: if the start breaks a constraint and no control can change that.
+    Raises ValueError if the start breaks a constraint and no control can change that.
     """
     solution = variational_solution(game, weights, initial_state, controls)
     root, multipliers = as_root(game, solution, weights)
@@ -146,10 +145,8 @@ def variational_solution(
     """The best solution of the first-order conditions from all attempts, without a certificate.
 
     Weights (N, K), or (N, K + U) where the game has unknowns. ``most_attempts`` bounds the time
-    that a game without a solution takes; None for all of them.
-
-    Raises:
-        ValueError: as ``solve_constrained`` does.
+    that a game without a solution takes; None for all of them. Raises ValueError as
+    ``solve_constrained`` does.
     """
     asked, (game, weights) = game, game.with_known_constraints(weights)
     check_start(game, initial_state)
@@ -211,10 +208,8 @@ def solution_near(
 ) -> InteriorSolution:
     """What the interior point method finds from a motion close to a solution; x_1 is its first row.
 
-    It is cheaper than ``root_near``, as nothing is polished. Weights (N, K).
-
-    Raises:
-        ValueError: if the start breaks a constraint and no control can change that.
+    It is cheaper than ``root_near``, as nothing is polished. Weights (N, K). Raises ValueError if
+    the start breaks a constraint and no control can change that.
     """
     check_start(game, near.states[0])
     return _near(game, interior_elimination(game), near, weights, max_iterations)

@@ -72,10 +72,8 @@ def observation_sensitivity(
     The arguments are those of ``trajectory_sensitivity``. The rows are divided by ``noise_scale``
     (d,), the relative standard deviations of the noise on a player's observed components, each one
     by default. For correlated noise, ``noise_covariance`` (d, d) relative to sigma^2 replaces it:
-    the rows of one player and step are whitened together.
-
-    Raises:
-        ValueError: if G_z is singular or the covariance is not positive definite.
+    the rows of one player and step are whitened together. Raises ValueError if G_z is singular or
+    the covariance is not positive definite.
     """
     sensitivity = trajectory_sensitivity(game, states, controls, costates, weights, solver)
     rows = states.reshape(-1, game.dynamics.state_size)
