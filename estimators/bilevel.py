@@ -196,15 +196,10 @@ def _combinations(starts: list[list[SolvedGame]], most: int) -> list[tuple[Solve
 def _at_one_theta(
     problem: Problem, firsts: tuple[SolvedGame, ...], others: list[list[SolvedGame]]
 ) -> tuple[SolvedGame, ...]:
-    """A game of each trajectory, all with one theta.
+    """A game of each trajectory, all with the theta of the first one's game.
 
-    It is that of the first trajectory's game. Where no game of some trajectory can be followed to
-    it, the mean and then the means of the priors are tried.
-
-    Args:
-        problem: gives the game.
-        firsts: preferred game of each trajectory; returned if nothing else is found.
-        others: all games of each.
+    Where a game of some trajectory (``others``) cannot be followed to it, the mean and then the
+    means of the priors are tried; ``firsts`` if nothing is found.
     """
     if len(firsts) == 1:
         return firsts

@@ -23,13 +23,10 @@ from olne_bench.plugins import ESTIMATOR, is_built_in, make, names
 
 @dataclass(frozen=True)
 class Ignorant:
-    """Runs another estimator on the problem without its constraints.
+    """Runs another estimator, named ``of``, with its default parameters and without constraints.
 
     Raises ValueError if there is no such built-in estimator: what a parameter names is not shut in
     as a plugin is.
-
-    Attributes:
-        of: name of the estimator, with its default parameters.
     """
 
     name: ClassVar[str] = "ignorant"

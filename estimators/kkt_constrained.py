@@ -212,13 +212,8 @@ class KktConstrained:
     ) -> Together:
         """Explain several motions of unlike cars by common weights of their drivers.
 
-        Args:
-            motions: what is known and was seen of each.
-            rng: not used.
-            budget: wall-clock seconds for the search.
-
-        Raises:
-            ValueError: on motions that do not fit each other.
+        The search ends after ``budget`` seconds; ``rng`` is not used. Raises ValueError on motions
+        that do not fit each other.
         """
         motions = checked(motions)
         attempts = self.attempts_together(motions, time.monotonic() + budget)

@@ -191,15 +191,10 @@ def _own_unknowns(motions: Sequence[SeenMotion], solution: JointSolution) -> Ite
 def probable_optima(
     problem: Problem, y: np.ndarray, prior: WeightPrior, deadline: float
 ) -> list[JointSolution]:
-    """All optima of (M1) that starts find, the most probable first.
+    """All optima of (M1) that starts find, the most probable first; the noise is white.
 
-    More starts than an estimate needs are tried: all of ``joint_starts``, settled or not.
-
-    Args:
-        problem: what is known; its noise is white.
-        y: (T, N, d) observations, NaN where missing.
-        prior: of the weights.
-        deadline: solves end by then, in seconds of ``time.monotonic``.
+    All of ``joint_starts`` are tried, settled or not, for observations y (T, N, d), until the
+    deadline, in seconds of ``time.monotonic``.
     """
     plain = JointSettings(noise_scale=problem.noise_scale, weight_floor=problem.weight_floor)
     search = Search.of(problem, y, with_prior(plain, problem, prior), deadline)

@@ -73,15 +73,10 @@ _STARTS = 5
 
 @dataclass(frozen=True)
 class Curvature:
-    """Derivatives of one player's cost in its controls (n,), for each preference alone.
+    """Derivatives of one player's cost in its controls (n,), for each preference alone."""
 
-    Attributes:
-        gradients: (n, K) columns g_k.
-        hessians: (K, n, n) H_k.
-    """
-
-    gradients: np.ndarray
-    hessians: np.ndarray
+    gradients: np.ndarray  # (n, K) columns g_k
+    hessians: np.ndarray  # (K, n, n) H_k
 
 
 @dataclass(frozen=True)

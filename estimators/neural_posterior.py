@@ -47,11 +47,7 @@ _NUMBER = re.compile(r"-?\d+\.\d*(e[+-]?\d+)?|-?\d+e[+-]?\d+")
 
 @dataclass(frozen=True)
 class NeuralPosterior:
-    """Samples of weights from a trained network; ValueError on a number out of range.
-
-    Attributes:
-        count: number of samples.
-    """
+    """So many samples (``count``) of weights from a trained network; ValueError if out of range."""
 
     name: ClassVar[str] = "neural_posterior"
     count: int = 1000

@@ -93,17 +93,11 @@ _BETTER = 10.0
 
 @dataclass(frozen=True)
 class Cloud:
-    """Weighted particles after a measurement.
+    """Weighted particles after a measurement."""
 
-    Attributes:
-        points: (M, n).
-        shares: (M,) their weights W, which sum to one.
-        effective: effective sample size.
-    """
-
-    points: np.ndarray
-    shares: np.ndarray
-    effective: float
+    points: np.ndarray  # (M, n)
+    shares: np.ndarray  # (M,) their weights W, which sum to one
+    effective: float  # effective sample size
 
 
 @dataclass(frozen=True)
@@ -188,25 +182,12 @@ def filter_particles(
     first: int = 0,
     peaks: PastPeaks | None = None,
 ) -> Iterator[Cloud]:
-    """Filter a constant state through measurements that arrive one by one.
+    """Filter a constant state (n,) through samples (T, d), NaN where missing, with noise of sigma.
 
-    Args:
-        prior: belief about the state (n,) before the measurements.
-        games: expected measurements and their derivatives.
-        samples: (T, d) measurements, NaN where missing.
-        sigma: standard deviation of their noise.
-        count: as in ``Particle``.
-        most_draws: as in ``Particle``.
-        rng: the source of randomness.
-        first: time of the first measurement after which there are particles.
-        peaks: points of the most probable games so far, where the first particles are drawn; if
-            None, they are drawn from the prior.
-
-    Yields:
-        All particles so far after each measurement from the first one on.
-
-    Raises:
-        LostError: if no particle has a game, or too few explain all measurements.
+    Yields all particles so far after each measurement from the time ``first`` on. They are drawn at
+    ``peaks``, points of the most probable games so far, or from the prior if None; ``count`` and
+    ``most_draws`` are those of ``Particle``. Raises LostError if no particle has a game, or too few
+    explain all measurements.
     """
     pool = _Pool(prior, games, samples, sigma, count, rng, peaks)
     for t in range(first, len(samples)):

@@ -139,13 +139,8 @@ class Posterior:
     ) -> Together:
         """Samples of what several motions of unlike cars say about their drivers' weights.
 
-        Args:
-            motions: what is known and was seen of each.
-            rng: the only source of randomness.
-            budget: wall-clock seconds for the search.
-
-        Raises:
-            ValueError: on motions that do not fit each other.
+        The search ends after ``budget`` seconds. Raises ValueError on motions that do not fit each
+        other.
         """
         motions, deadline = _with_prior(checked(motions), self.alpha), time.monotonic() + budget
         attempts = Map().attempts_together(motions, deadline)
@@ -172,10 +167,8 @@ class Posterior:
     ) -> tuple[GameDensity, list[Peak]]:
         """The density (B1) and its peaks, the most probable first.
 
-        Args:
-            problem: what is known; its noise is white and its sigma positive.
-            observation: what was seen.
-            deadline: in seconds of ``time.monotonic``.
+        The noise is white and sigma positive. The search ends by the deadline, in seconds of
+        ``time.monotonic``.
         """
         optima = probable_optima(problem, observation.y, problem.prior, deadline)
         density = self.density(problem, observation, deadline)

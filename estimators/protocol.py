@@ -25,31 +25,27 @@ FIT_LEVEL = 0.01
 class Problem:
     """What is known about the game before anything is observed.
 
-    Raises TypeError on a game, a view or a prior that is something else, such as the name of a
-    sensor; ValueError on a sigma, sigma_spread, weight_floor, noise_scale, noise_covariance or
-    prior out of range.
+    Raises TypeError on a game, view or prior that is something else, such as a sensor's name;
+    ValueError on a number or an array out of range.
 
     Attributes:
         game: players' features and tasks, motion model, horizon T and step dt [s]; no weights.
         view: observation model h, shared by all players: y = h(x) + noise, then gaps.
-        sigma: noise level, at least 0, or its median where it is not known. The Gaussian noise on
-            observed component k of a player has the standard deviation ``sigma * noise_scale[k]``.
-            It is independent between players and
-            between times, and between components unless ``noise_covariance`` is given. Noise on an
-            angle is not wrapped (``games.model.observation``).
+        sigma: noise level, at least 0, or its median where it is not known: observed component k
+            has Gaussian noise of standard deviation ``sigma * noise_scale[k]``, independent between
+            players and times. Noise on an angle is not wrapped (``games.model.observation``).
         weight_floor: smallest weight allowed, given rows that sum to one.
-        noise_scale: (d,) relative standard deviations, which make metres, radians and metres per
-            second comparable: likelihoods divide residuals by them. Ones if empty, as in the paper.
-        noise_covariance: (d, d) covariance of the noise on a player's components, relative to
-            sigma^2, or None if they are independent. The squares of ``noise_scale`` are its
-            diagonal. ``estimators.shared.white_noise`` turns it into independent noise.
-        goes_on: whether players plan again all the time, each time T states ahead. A stream
-            (``estimators.shared.incoming_samples``) then has no last sample, and what it has seen
-            last is the beginning of a game of T states.
+        noise_scale: (d,) relative standard deviations, by which likelihoods divide residuals in
+            metres, radians and metres per second. Ones if empty, as in the paper.
+        noise_covariance: (d, d) of a player's components, relative to sigma^2, its diagonal the
+            squares of ``noise_scale``; None if independent. ``estimators.shared.white_noise``
+            whitens it.
+        goes_on: whether players plan again all the time, each time T states ahead. What a stream
+            (``estimators.shared.incoming_samples``) has seen last is then the start of a game.
         sigma_spread: standard deviation of log sigma where the noise level is not known; 0 where it
             is. An estimate then tells the level that it found as ``extras["sigma"]``.
-        prior: what is known of each player's weights before, flat by default. Methods that are not
-            Bayesian ignore it. Unknowns carry their own (``Game.parameters``).
+        prior: what is known of each player's weights before, flat by default; only Bayesian methods
+            read it. Unknowns carry their own (``Game.parameters``).
     """
 
     game: Game
@@ -140,8 +136,8 @@ class Observation:
 
     Attributes:
         y: (T, N, d) observations h(x_t^i) + noise; a missing sample is NaN, never zero.
-        extra: (N, d) one more sample, at T+1, or None. The published baseline's pre-filter uses
-            it to make the last speed observable; the joint method does not use it.
+        extra: (N, d) one more sample, at T+1, or None, with which the published baseline's
+            pre-filter finds the last speed.
     """
 
     y: np.ndarray
@@ -170,10 +166,9 @@ def check_observations(
 
 
 def check_observation(problem: Problem, observation: Observation) -> None:
-    """Check that an observation fits the problem.
+    """Check that an observation fits the problem, with NaN for missing samples.
 
-    Raises:
-        ValueError: on a wrong shape of ``y`` or ``extra``, or on infinity; NaN is a missing sample.
+    Raises ValueError on a wrong shape of ``y`` or ``extra``, or on infinity.
     """
     size = observation_size(problem.view, problem.game.dynamics)
     shape = (*problem.game.state_shape[:2], size)
@@ -206,18 +201,15 @@ class Estimate:
     Attributes:
         weights: (N, K), non-negative; scaled to row sums of one by the harness.
         states: (T, N, n) reconstructed trajectory, the first of several, or None.
-        covariance: (N*K, N*K) covariance of the weights, each row scaled to sum one, in C order,
-            or None.
+        covariance: (N*K, N*K) of the weights, rows scaled to sum one, in C order, or None.
         region: where the truth is expected: ``samples``, a quantile of their distances,
-            ``covariance``, an ellipsoid, or all weights whose profile of the ``likelihood`` or of
-            the ``posterior`` is high enough, which the referee computes itself; the last for one
-            trajectory. None means ``samples`` where there are
-            some, else ``covariance`` where there is one.
-        parameters: (N, U) values of the game's unknowns (``Game.parameters``) in their units; None
-            where it has none. Columns that stand for nothing are not read.
+            ``covariance``, an ellipsoid, or all weights whose profile of the ``likelihood`` or
+            ``posterior`` is high enough, which the referee computes (one trajectory only). None:
+            the first one there is.
+        parameters: (N, U) the game's unknowns (``Game.parameters``) in their units; None without.
+            Columns that stand for nothing are not read.
         parameter_deviations: (N, U) their standard deviations, or None.
-        samples: (M, N, K) weights of equal probability given the observations, M of 40 to 4000, or
-            None; scaled to row sums of one by the harness.
+        samples: (M, N, K) weights of equal probability, M of 40 to 4000, or None; scaled likewise.
         parameter_samples: (M, N, U) values of the game's unknowns that belong to them, or None.
         converged: whether the method itself considers the result valid.
         message: one line that explains a failure.
@@ -269,15 +261,14 @@ class Estimate:
 class Estimator(Protocol):
     """An inverse-game estimator.
 
-    Two further methods are used if they exist: ``supports(problem) -> str | None`` returns the
-    reason why the estimator cannot take a problem (the trial is then ``skipped``), or None;
-    ``warm_up(problem)`` builds solvers before the clock of the first trial starts.
+    Two further methods are used if they exist: ``supports(problem) -> str | None`` says why the
+    estimator cannot take a problem (the trial is then ``skipped``); ``warm_up(problem)`` builds
+    solvers before the clock of the first trial starts.
 
     An estimator that can explain several trajectories of the same players by one set of weights
-    sets the class attribute ``several = True``. If a study has more than one trajectory, it
-    receives a tuple of them. Without the attribute an estimator always receives a single
-    ``Observation``, and trials with more are ``skipped``. If it can do so for some problems only,
-    its method ``supports_several(problem) -> str | None`` returns the reason why not, or None.
+    sets the class attribute ``several = True``, and then receives a tuple of them; without it,
+    trials with more than one are ``skipped``. Its method ``supports_several(problem) -> str |
+    None`` says why it cannot do so for a problem, or None.
     """
 
     def estimate(
@@ -295,9 +286,8 @@ class Estimator(Protocol):
             observation: what was seen, which must not be changed: an ``Observation`` or, with
                 ``several``, a tuple of two or more, each with its own initial state.
             rng: the only source of randomness, seeded per trial.
-            budget: wall-clock seconds that the search may take. One that has not ended by then
-                ends there, and the estimate says so: ``converged`` is False, or ``message`` names
-                the time. How much is tried before that is limited by counts, never by the clock,
-                so that results do not depend on the machine. The call is stopped from outside when
-                the time limit of the stage has passed, of which the budget is four fifths.
+            budget: wall-clock seconds for the search. One that has not ended by then ends there,
+                and ``converged`` is False, or ``message`` names the time. Before that, counts limit
+                what is tried, never the clock, so that results do not depend on the machine. The
+                call is stopped after the stage's time limit, of which the budget is four fifths.
         """

@@ -30,9 +30,7 @@ from olne_bench.games.compiled.elimination import Elimination
 class Ridge(KktConstrained):
     """The joint problem with a pull to uniform weights, its strength from the noise level alone.
 
-    Attributes:
-        solver: as of ``kkt_constrained``.
-        max_iterations: as of ``kkt_constrained``.
+    Solver and iterations are as of ``kkt_constrained``.
     """
 
     name: ClassVar[str] = "ridge"

@@ -138,20 +138,13 @@ class _Run(FilterRun):
 
 @dataclass(frozen=True)
 class Regression:
-    """(U3): expected measurements at all times, linear around a belief.
+    """(U3): expected measurements at all times, linear around a belief."""
 
-    Attributes:
-        belief: the belief (m, P).
-        centre: (T, d) expected measurements at m.
-        mean: (T, d) their mean z under the belief.
-        slopes: (T, d, n) A.
-        bends: (T, d, n) columns whose products with themselves are the covariance of the rest.
-    """
-
-    belief: Gaussian
-    centre: np.ndarray
-    mean: np.ndarray
-    slopes: np.ndarray
+    belief: Gaussian  # the belief (m, P)
+    centre: np.ndarray  # (T, d) expected measurements at m
+    mean: np.ndarray  # (T, d) their mean z under the belief
+    slopes: np.ndarray  # (T, d, n) A
+    #: (T, d, n) columns whose products with themselves are the covariance of the rest.
     bends: np.ndarray
 
     def rest(self, t: int, seen: np.ndarray) -> np.ndarray:
@@ -179,20 +172,11 @@ class Regression:
 def filter_samples(
     prior: Gaussian, expected: Expected, samples: np.ndarray, sigma: float, alpha: float
 ) -> list[Gaussian]:
-    """Filter a constant state through measurements that arrive one by one.
+    """Filter a constant state (n,) through samples (T, d), NaN where missing, with noise of sigma.
 
-    Args:
-        prior: belief about the state (n,) before the measurements.
-        expected: points (B, n) -> expected measurements (B, T, d), NaN for a point that has none.
-        samples: (T, d) measurements, NaN where missing.
-        sigma: standard deviation of their noise.
-        alpha: as in ``Ukf``.
-
-    Returns:
-        The belief after each of the T measurements.
-
-    Raises:
-        LostError: if there is no expected measurement at the mean.
+    Points (B, n) have expected measurements (B, T, d), NaN where a point has none; ``alpha`` is as
+    in ``Ukf``. Returns the belief after each measurement. Raises LostError if there is no expected
+    measurement at the mean.
     """
     run = _Filter(prior, expected, sigma, alpha)
     beliefs = []
@@ -321,7 +305,7 @@ class _Filter:
 def _regression(belief: Gaussian, alpha: float, rows: np.ndarray) -> Regression:
     """(U3) of expected measurements (2n+1, T, d).
 
-    The weight of the mean's row is zero in the sums of squares, so that no covariance can become
+    The weight of the mean's row is zero in the sums of squares, so that no covariance is
     indefinite, however small alpha is (beta = alpha^2 + alpha^-2 - 2, kappa = 0).
     """
     count = len(belief.mean)

@@ -90,13 +90,7 @@ def hidden_positions(problem: Problem) -> str | None:
 
 
 def lost_estimate(problem: Problem, online: Sequence[np.ndarray], message: str) -> Estimate:
-    """What a filter knew when it could not continue.
-
-    Args:
-        problem: what is known.
-        online: mean weights (N, K) after each measurement so far.
-        message: one line that explains the failure.
-    """
+    """What a filter knew when it failed: weights (N, K) after each measurement so far, and why."""
     last = online[-1] if len(online) else uniform_weights(problem)
     extras = {"online_weights": np.array(online)}
     return Estimate(weights=last, converged=False, message=message, extras=extras)
@@ -120,10 +114,8 @@ def first_game(problem: Problem, observation: Observation) -> SolvedGame:
 def first_weights(problem: Problem, spread: float, start: SolvedGame | None = None) -> Gaussian:
     """Belief about the coordinates of weights and unknowns before anything is seen.
 
-    Args:
-        problem: what is known.
-        spread: standard deviation of the coordinates; that of the problem's prior is one.
-        start: the game around which the belief is, where a filter may peek.
+    Their standard deviation is ``spread``; that of the problem's prior is one. A filter that peeks
+    begins around the game ``start``.
     """
     chart = NormalChart.of(problem)
     mean = np.zeros(chart.size) if start is None else chart.point(start.theta)
@@ -135,24 +127,14 @@ def first_weights(problem: Problem, spread: float, start: SolvedGame | None = No
 def prior_belief(
     problem: Problem, observation: Observation, weights: Gaussian, sigma: float
 ) -> Gaussian:
-    """Belief before the first measurement.
-
-    Args:
-        problem: what is known.
-        observation: its first measurements locate x_1.
-        weights: belief about the coordinates of weights and unknowns.
-        sigma: noise level.
-    """
+    """Belief before the first measurement: about weights, and about x_1 from first measurements."""
     first, deviation = initial_state_prior(problem, observation, sigma)
     covariance = block_diag(weights.covariance, np.diag(deviation.ravel() ** 2))
     return Gaussian(np.concatenate([weights.mean, first.ravel()]), covariance)
 
 
 def moments_of_weights(mean: np.ndarray, covariance: np.ndarray, chart: NormalChart) -> Gaussian:
-    """Moments of the weights (N*K,) of Gaussian coordinates (N*(K-1),), player by player.
-
-    By Gauss-Hermite quadrature.
-    """
+    """Moments of weights (N*K,) of Gaussian coordinates (N*(K-1),), by Gauss-Hermite quadrature."""
     free = chart.num_weights - 1
     steps, shares = _quadrature(free)
     means, slopes, rests = [], [], []
@@ -196,11 +178,6 @@ class FollowedGames:
     Where the game has hard constraints, complementarity (``games.compiled.complementarity``) is
     relaxed as far as the noise hides it. The game then bends where it would have a kink, so that
     Newton's method and derivatives work.
-
-    Attributes:
-        problem: what is known.
-        start: the game from which the next ones are followed.
-        chart: coordinates z of weights and unknowns.
     """
 
     def __init__(self, problem: Problem, start: SolvedGame, deadline: float) -> None:

@@ -44,12 +44,8 @@ def likelihood_certainty(
 ) -> Certainty:
     """The inverse Fisher information at the estimate, as if no weight were at its floor.
 
-    Args:
-        problem: gives game, view and noise.
-        observations: one for each trajectory.
-        games: the estimated game of each.
-        solver: the game's elimination; built if None.
-        prior: whether the information of the unknowns' priors is added.
+    There is one observation and one estimated game for each trajectory. ``prior`` adds the
+    information of the unknowns' priors; the elimination is built if None.
     """
     asked = problem.game
     if problem.sigma == 0 and not asked.parameters.count:
@@ -88,18 +84,9 @@ def posterior_covariance(
     """Laplace's approximation: covariance (N*(K+U), N*(K+U)) of theta at its most probable value.
 
     It is the inverse of the Fisher information plus the curvature of the prior, on the tangent of
-    the simplex, with all initial states unknown.
-
-    Args:
-        problem: gives game, view and noise, which is white.
-        observations: one for each trajectory.
-        games: the estimated game of each, all with one theta.
-        solver: the game's elimination; built if None.
-        precision: (N, K) of the prior of the weights: second derivatives of minus its logarithm.
-            That of standardised unknowns is one.
-
-    Returns:
-        The covariance, or None without noise, or if a game is singular.
+    the simplex, with all initial states unknown: ``precision`` (N, K) for weights, minus second
+    derivatives of its logarithm; one for standardised unknowns. The noise is white, and the games
+    of all trajectories have one theta. None without noise, or if a game is singular.
     """
     if problem.sigma == 0:
         return None

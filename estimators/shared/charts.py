@@ -39,11 +39,7 @@ class Chart(Protocol):
 
 
 class RatioChart:
-    """Ratios to a reference weight of each player, non-negative.
-
-    Attributes:
-        size: number of coordinates, N*(K-1).
-    """
+    """Ratios (N*(K-1),) to a reference weight of each player, non-negative."""
 
     def __init__(self, weights: np.ndarray, floor: float) -> None:
         """The chart whose references are the largest of weights (N, K)."""
@@ -171,8 +167,8 @@ class NormalChart:
     def jacobian(self, points: np.ndarray) -> np.ndarray:
         """(..., N*(K+U), size): derivative of theta at points (..., size).
 
-        CasADi has no incomplete beta function. Its inverse has the slope of one density over the
-        other, and shares are products of what is broken off and left.
+        CasADi has no incomplete beta function. The slope of its inverse is a ratio of two
+        densities.
         """
         return self._jacobian(points, *self._shares(points))
 

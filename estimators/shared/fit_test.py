@@ -83,10 +83,7 @@ class Layout:
     seen: np.ndarray  # (T, N, d) which samples there are
 
     def statistics(self, residuals: np.ndarray, deviations: np.ndarray) -> np.ndarray:
-        """(B, 3, 1 + N) statistics over all and of each player, of residuals (B, n).
-
-        ``deviations`` (n,) are standard deviations of the residuals.
-        """
+        """(B, 3, 1 + N) of all and of each player, of residuals (B, n) with deviations (n,)."""
         full = np.zeros((len(residuals), *self.seen.shape))
         full[:, self.seen] = residuals
         scaled = np.zeros_like(full)
@@ -219,14 +216,7 @@ def _tails(z: np.ndarray, skew: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def fit_test(
     problem: Problem, observation: Observation, states: np.ndarray | None, theta: np.ndarray
 ) -> FitTest:
-    """Test an estimate.
-
-    Args:
-        problem: what is known.
-        observation: what was seen.
-        states: (T, N, n) motion of the estimate; None if it has none.
-        theta: (N, K + U) estimated weights and standardised unknowns.
-    """
+    """Test an estimate: its motion (T, N, n), None if it has none, and theta (N, K + U)."""
     if states is None:
         return not_testable("the estimate has no motion")
     if problem.sigma <= 0:
@@ -243,13 +233,7 @@ def fit_test(
 
 
 def peak_near(problem: Problem, seen: Observation, game: SolvedGame) -> Places | None:
-    """The peak of the posterior near a game; None at a fold of equilibria.
-
-    Args:
-        problem: what is known; its noise is white.
-        seen: what was seen.
-        game: where the search starts.
-    """
+    """The peak of the posterior near a game; None at a fold of equilibria. The noise is white."""
     density = density_near(problem, seen, game.initial_state)
     place = density.place(game)
     if not place.possible[0]:

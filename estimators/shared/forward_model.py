@@ -147,13 +147,7 @@ def fitted_game(
 ) -> SolvedGame | None:
     """The game that explains an observation best with weights tied to uniform.
 
-    Args:
-        problem: what is known.
-        observation: what was seen.
-        tie: factor of the term |theta - 1/K|^2 that is added to the squared error.
-
-    Returns:
-        The game, or None if none is found.
+    None if none is found. The squared error has the further term ``tie`` |theta - 1/K|^2.
     """
     y = observation.y
     if not is_window(y):
@@ -164,11 +158,7 @@ def fitted_game(
 
 
 def _fitted_window(problem: Problem, y: np.ndarray, tie: float) -> SolvedGame | None:
-    """``fitted_game`` where most of the motion is still to come.
-
-    Three starts are compared, as several orders of passing may explain few samples; others follow
-    until something does.
-    """
+    """``fitted_game`` where most of the motion is still to come: the best of several starts."""
     points, (high, low) = window_points(problem, y), _WINDOW_BARRIERS
     compared = [
         (followed(problem, y, points.played, tie), _BARRIER),
@@ -229,7 +219,7 @@ def _roots(
 
 
 def _calm_start(problem: Problem, guess: np.ndarray) -> np.ndarray:
-    """x_1 (N, n) whose unobserved components are means over the first quarter of a guess.
+    """x_1 (N, n) whose hidden components are means over a guess's first quarter.
 
     A speed that is read off two noisy positions can be far beyond any real speed.
     """
@@ -316,16 +306,7 @@ def play_batch(
     tolerance: float = 1e-10,
     solver: Elimination | None = None,
 ) -> Batch:
-    """Solve the game at many theta and initial states, from a known root.
-
-    Args:
-        problem: gives the game.
-        start: the root.
-        theta: (B, N, K + U).
-        initial_states: (B, N, n).
-        tolerance: as of ``games.solve.batch.solve_batch``.
-        solver: as of ``games.solve.batch.solve_batch``.
-    """
+    """Solve a game, by ``solve_batch``, from a root at many theta (B, N, K + U), x_1 (B, N, n)."""
     return solve_batch(
         problem.game,
         theta,
@@ -374,16 +355,7 @@ def scaled_samples(problem: Problem, y: np.ndarray) -> np.ndarray:
 def sample_sensitivity(
     problem: Problem, game: SolvedGame, solver: Elimination | None = None
 ) -> np.ndarray:
-    """Derivative of h(x) in (theta, x_1) at a game, (T*N*d, N*(K+U) + N*n).
-
-    Args:
-        problem: gives game and view.
-        game: the game at which it is taken.
-        solver: the game's elimination; built if None.
-
-    Raises:
-        ValueError: if the equilibrium is not a function of (theta, x_1).
-    """
+    """Derivative (T*N*d, N*(K+U) + N*n) of h(x) in (theta, x_1) at a game; ValueError at a fold."""
     root = game.root
     return observation_sensitivity(
         problem.game,

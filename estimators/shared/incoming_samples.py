@@ -29,15 +29,10 @@ class Stream(Protocol):
     """Estimates of one motion as it goes on."""
 
     def update(self, sample: np.ndarray, *, budget: float) -> Estimate:
-        """Estimate from the samples up to now.
+        """Estimate from the samples up to now; the last one (N, d), NaN if missing, stays as it is.
 
-        Args:
-            sample: (N, d) the next sample; a missing one is NaN. It must not be changed.
-            budget: wall-clock seconds that it may take, as in ``Estimator.estimate``.
-
-        Returns:
-            The estimate. Its ``states`` (T, N, n), if there are any, hold past states and the
-            prediction of all others.
+        The budget is in wall-clock seconds, as in ``Estimator.estimate``. The estimate's ``states``
+        (T, N, n), if there are any, hold past states and the prediction of all others.
         """
 
 
@@ -55,9 +50,8 @@ class StreamEstimator(Protocol):
         Args:
             problem: what is known. It is a copy and must not be changed.
             rng: the only source of randomness, seeded per episode.
-            lag: number of latest samples that count; None for all so far. A method that carries
-                what it knows from one sample to the next may use more. A motion that goes on
-                has a lag.
+            lag: number of latest samples that count; None for all. A method that carries what it
+                knows along may use more. A motion that goes on has a lag.
         """
 
 
@@ -66,22 +60,13 @@ class StreamEndedError(ValueError):
 
 
 class Samples:
-    """The samples so far, and the window that counts.
-
-    Attributes:
-        count: number of samples so far.
-    """
+    """The samples so far, ``count`` of them, and the window that counts."""
 
     def __init__(self, problem: Problem, lag: int | None = None) -> None:
-        """No samples yet.
+        """No samples yet; ``lag`` of them count, or all if None.
 
-        Args:
-            problem: what is known.
-            lag: number of samples that count; None for all.
-
-        Raises:
-            ValueError: on a lag below ``LEAST_LAG``, or longer than the game; on none if the motion
-                goes on.
+        Raises ValueError on a lag below ``LEAST_LAG`` or longer than the game; on none if it goes
+        on.
         """
         self._problem, self._lag = problem, checked_lag(lag)
         horizon = problem.game.horizon
@@ -139,11 +124,7 @@ class Samples:
 
 @dataclass(frozen=True)
 class Windows:
-    """Makes a stream of an estimator that takes whole observations.
-
-    Attributes:
-        estimator: the estimator.
-    """
+    """Makes a stream of an estimator that takes whole observations."""
 
     estimator: Estimator
 
@@ -194,13 +175,10 @@ class Past:
         self._states: np.ndarray | None = None
 
     def with_states_of(self, estimate: Any, past: int) -> Any:
-        """The estimate of a window, with states from the beginning of the motion.
+        """The estimate of a window, with states from ``past`` steps earlier, the motion's start.
 
-        Without states of all steps before the window, it has none.
-
-        Args:
-            estimate: of the window: an ``Estimate``, or any object that has some of its attributes.
-            past: number of steps before the window.
+        It may be any object with attributes of ``Estimate``. It has no states unless those of all
+        steps before the window are known.
         """
         states = _motion(getattr(estimate, "states", None))
         if states is None or not hasattr(estimate, "weights"):

@@ -101,20 +101,11 @@ def solve_joint(
     *,
     known: Sequence[JointSolution] = (),
 ) -> JointSolution:
-    """Solve the joint problem of one motion from one start.
+    """Solve the joint problem of one motion y (T, N, d), NaN where missing, from one start.
 
-    Args:
-        game: the game.
-        view: the observation model.
-        y: (T, N, d) observations, NaN where missing.
-        start: starting point; its weights lie above the floor and have row sums of one, its
-            parameters within their ranges.
-        settings: the problem's numbers, and limits.
-        known: optima already found. A run that comes close to one stops and counts as not
-            converged, as it finds nothing new.
-
-    Raises:
-        ValueError: if no weights satisfy the floor, or an array has the wrong shape.
+    The start's weights lie above the floor and have row sums of one; its parameters are within
+    their ranges. A run that comes close to a ``known`` optimum stops and counts as not converged,
+    as it finds nothing new. Raises ValueError if no weights satisfy the floor, or on a wrong shape.
     """
     settings = settings or JointSettings()
     motion = SeenMotion(game, view, y, settings.noise_scale)
@@ -128,17 +119,10 @@ def solve_joint_motions(
     *,
     known: Sequence[JointSolution] = (),
 ) -> JointSolution:
-    """Solve the joint problem of several motions that share weights.
+    """Solve the joint problem of several motions that share weights, as ``solve_joint`` does.
 
-    Args:
-        motions: what was seen of each.
-        starts: a starting point of each, as of ``solve_joint``; a driver has the weights of the
-            first one in which it is.
-        settings: as of ``solve_joint``; each motion has a noise scale of its own.
-        known: as of ``solve_joint``, of the same motions.
-
-    Raises:
-        ValueError: as ``solve_joint``, or if the games have different weights.
+    A driver starts at the weights of the first motion in which it is; each motion has its own noise
+    scale. Raises ValueError as ``solve_joint``, or if the games have different weights.
     """
     settings = settings or JointSettings()
     layout = _layout(*((one.game, tuple(one.rows), one.situation) for one in motions))
@@ -178,14 +162,7 @@ def joint_elimination(game: Game, view: View) -> Elimination:
 
 
 class _Layout:
-    """Where the weights of drivers and the unknowns of all motions are in theta.
-
-    Attributes:
-        num_weights: K.
-        drivers: how many there are.
-        unknowns: how many all motions have.
-        places: (N*(K+U),) of each motion, where its own theta is.
-    """
+    """Where weights of drivers and unknowns of all motions are in the theta of each motion."""
 
     def __init__(self, parts: Sequence[tuple[Game, tuple[int, ...], int | None]]) -> None:
         """From the game of each motion, who its players are, and its situation."""

@@ -38,17 +38,9 @@ def solve_joint_ipopt(
     starts: Sequence[JointPoint],
     settings: JointSettings | None = None,
 ) -> JointSolution:
-    """Solve the joint problem from one start.
+    """Solve the joint problem from one start; ValueError if no weights satisfy the floor.
 
-    Args:
-        game: the game.
-        view: the observation model.
-        ys: (T, N, d) observations of each trajectory.
-        starts: a starting point for each; their weights are averaged.
-        settings: the problem's numbers, and limits.
-
-    Raises:
-        ValueError: if no weights satisfy the floor.
+    Each trajectory has observations (T, N, d) and a starting point; their weights are averaged.
     """
     settings = settings or JointSettings()
     settings.check_floor(game.num_weights)
@@ -142,9 +134,8 @@ def joint_solver(
 ) -> ca.Function:
     """Build (or fetch) the solver for ``count`` trajectories.
 
-    Its variables are (x, u, lambda) of each trajectory, then theta; its parameters are samples and
-    precision of each, then tie and floor of the weights and the strengths of their barrier. Its
-    term is there if ``barrier`` says so.
+    Its variables are (x, u, lambda) of each, then theta; its parameters are samples and precision
+    of each, then tie and floor of the weights and, with ``barrier``, its strengths.
     """
     system = kkt_system(game)
     z = ca.vertcat(system.states, system.controls, system.costates)

@@ -37,10 +37,7 @@ class JointPoint:
     def from_trajectory(
         cls, game: Game, states: np.ndarray, controls: np.ndarray | None = None
     ) -> "JointPoint":
-        """A trajectory with zero costates, uniform weights and the means of unknowns.
-
-        Controls are zero if None.
-        """
+        """A trajectory with zero costates, uniform weights, unknowns' means; or zero controls."""
         if controls is None:
             controls = np.zeros(game.control_shape)
         uniform = np.full((game.num_players, game.num_weights), 1 / game.num_weights)

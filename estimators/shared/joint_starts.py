@@ -71,13 +71,9 @@ _MOST_SPREAD = 12
 def joint_attempts(
     problem: Problem, y: np.ndarray, settings: JointSettings, deadline: float
 ) -> Iterator[JointSolution]:
-    """Solve the joint problem from one start after the other, until that suffices.
+    """Solve the joint problem from one start after the other until that suffices, or the deadline.
 
-    Args:
-        problem: what is known; its noise is white.
-        y: (T, N, d) observations, NaN where missing.
-        settings: the solver's numbers.
-        deadline: solves end by then, in seconds of ``time.monotonic``.
+    The noise is white, y is (T, N, d), NaN where missing; the deadline in s of ``time.monotonic``.
     """
     search = Search.of(problem, y, settings, deadline)
     for start, barrier in starts(problem, y, search):
@@ -95,12 +91,9 @@ def shared_attempts(
     search: "Search",
     own: Callable[[Problem, np.ndarray], Sequence[JointSolution]],
 ) -> Iterator[JointSolution]:
-    """Solve the joint problem of several motions from one start after the other.
+    """Solve the joint problem of several motions with white noise from one start after the other.
 
-    Args:
-        problems: what is known of each motion; its noise is white.
-        search: of all motions.
-        own: attempts on one motion, given its problem and observations (T, N, d).
+    ``own`` are attempts on one motion, given its problem and observations (T, N, d).
     """
     pairs = [(problem, motion.y) for problem, motion in zip(problems, search.motions, strict=True)]
     first = [list(islice(starts(*pair, Search.of(*pair, *search.limits)), 2)) for pair in pairs]
@@ -173,10 +166,7 @@ def _tied_starts(start: JointPoint, search: "Search") -> Iterator[tuple[JointPoi
 
 
 def spread_starts(problem: Problem, y: np.ndarray) -> Iterator[JointPoint]:
-    """The observations at weights spread over the simplex; the same in every call.
-
-    Unknowns are spread like their priors.
-    """
+    """The observations at weights and unknowns spread like their priors; the same in every call."""
     game = problem.game
     if is_window(y):
         start = window_points(problem, y).played
@@ -198,10 +188,7 @@ def spread_starts(problem: Problem, y: np.ndarray) -> Iterator[JointPoint]:
 def largest_explicable(
     problem: Problem, ys: Sequence[np.ndarray], surprise: float = _SURPRISE
 ) -> float:
-    """The largest squared error that noise of the known level leaves in observations (T, N, d).
-
-    It leaves a larger one with the probability ``surprise``.
-    """
+    """The squared error that noise exceeds with probability ``surprise`` in y (T, N, d)."""
     seen = sum(int(np.isfinite(y).sum()) for y in ys)
     return float(assumed_sigma(problem) ** 2 * chdtri(max(1, seen), surprise))
 
@@ -218,23 +205,16 @@ def unexplained(problem: Problem, error: float, ys: Sequence[np.ndarray]) -> str
 
 
 class End(NamedTuple):
-    """Of the optimum at which a start ended: what was minimised, and the squared error.
-
-    Both are infinite if it ended at none.
-    """
+    """What a start's optimum minimises, and its squared error; infinite where there is none."""
 
     criterion: float = np.inf
     error: float = np.inf
 
 
 class Search:
-    """Starts of the structured solver on some motions, and the optima found so far.
+    """Starts of the structured solver on some motions, where each ended, and the optima so far.
 
-    Attributes:
-        motions: what was seen of each.
-        deadline: solves end by then, in seconds of ``time.monotonic``.
-        known: the optima.
-        ends: where each start ended.
+    Solves end by the deadline, in seconds of ``time.monotonic``.
     """
 
     def __init__(

@@ -90,11 +90,8 @@ class FollowedOptimum:
     ) -> tuple[JointSolution, int]:
         """The optimum, and the number of starts of the search for it; zero if there was none.
 
-        Args:
-            problem: what is known; its noise is white.
-            y: (T, N, d) observations, NaN where missing.
-            deadline: solves end by then, in seconds of ``time.monotonic``.
-            dropped: number of samples before the first one of ``y``.
+        The noise is white; y (T, N, d) begins ``dropped`` samples after the last call's first one.
+        Solves end by the deadline, in seconds of ``time.monotonic``.
         """
         best, starts = self._warm(problem, y, deadline, dropped - self._dropped), 0
         if best is None:
@@ -137,10 +134,7 @@ class FollowedOptimum:
 
 
 def _later(game: Game, point: JointPoint, steps: int) -> JointPoint:
-    """The rest of a motion, without so many first steps, up to the end of a game.
-
-    Where the game is longer, the last controls go on.
-    """
+    """The rest of a motion after so many steps, to the end of a game; the last controls go on."""
     states, controls, costates = (
         point.states[steps:],
         point.controls[steps:],

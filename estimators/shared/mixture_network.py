@@ -113,16 +113,10 @@ def encoded(
     turns: np.ndarray,
     passes: int,
 ) -> np.ndarray:
-    """Inputs (B, I) of a network.
+    """Inputs (B, I) of a network from noisy states (B, T, N, n), NaN where missing, at sigmas (B,).
 
-    Args:
-        states: (B, T, N, n) noisy states, NaN where missing; a sample of a player is missing as a
-            whole, and so is a component.
-        sigmas: (B,) noise levels.
-        centre: (T, N, n).
-        spread: (T, N, n).
-        turns: (B,) which player comes first; the others follow in their order, round the end.
-        passes: as of ``MixtureNetwork``.
+    A player's sample is missing as a whole, and so is a component. Centre and spread are (T, N, n);
+    ``turns`` (B,) say which player comes first, and the others follow in order, round the end.
     """
     count, players = len(states), states.shape[2]
     order = (turns[:, None] + np.arange(players)) % players

@@ -35,12 +35,9 @@ _FLAT = 1e-12  # precision of initial states
 def with_found_noise(
     problem: Problem, observations: Sequence[Observation], deadline: float
 ) -> Problem:
-    """The problem with the most probable noise level, which then is known; unchanged if it was.
+    """The problem with the most probable noise level, then known; unchanged if it was.
 
-    Args:
-        problem: what is known; its noise is white.
-        observations: one for each trajectory.
-        deadline: searches end by then, in seconds of ``time.monotonic``.
+    Its noise is white. Searches end by the deadline, in seconds of ``time.monotonic``.
     """
     if not problem.sigma_spread:
         return problem
@@ -75,14 +72,7 @@ def with_told_noise(problem: Problem, estimate: Estimate) -> Problem:
 
 
 def most_probable_level(median: float, spread: float, squared: float, left: float) -> float:
-    """The peak (S1) of the posterior of sigma.
-
-    Args:
-        median: of sigma a priori.
-        spread: standard deviation of log sigma a priori.
-        squared: sum of squared errors.
-        left: number of samples less what was fitted.
-    """
+    """The peak (S1): median of sigma and deviation of log sigma a priori, S, and n as ``left``."""
 
     def slope(away: float) -> float:
         level = median * np.exp(away)

@@ -41,14 +41,11 @@ class StoppedError(Exception):
 
 
 class OuterResiduals:
-    """Observation errors as a function of the outer unknowns.
+    """Errors as a function of ratios of weights, standardised parameters and all x_1.
 
-    These are the ratios of weights, the standardised parameters, and all x_1. The last errors are
-    those of the standardised parameters, times ``pull``, unless it is zero.
-
-    Attributes:
-        games: the games at the point of the last Jacobian, from which others are followed.
-        blocked: whether some point tried since then has no equilibrium.
+    The last errors are those of the parameters, times ``pull``, unless it is zero. ``games`` are at
+    the point of the last Jacobian, from which others are followed; ``blocked`` says whether some
+    point tried since then has no equilibrium.
     """
 
     def __init__(
@@ -90,8 +87,8 @@ class OuterResiduals:
     def minimised(self, max_evaluations: int, tolerance: float = _TOLERANCE) -> OptimizeResult:
         """Gauss-Newton from the games, with a trust region.
 
-        Raises StoppedError as ``values`` and ``jacobian`` do; ValueError if there is no equilibrium
-        at the start.
+        Raises StoppedError as ``values`` and ``jacobian``; ValueError without equilibrium at the
+        start.
         """
         lower, upper = self.bounds()
         return least_squares(
@@ -223,16 +220,10 @@ def least_error(
     *,
     held: bool = True,
 ) -> float | None:
-    """The least squared error near some games, with their weights held or not.
+    """The least sum of squared errors over their noise scales; None if the search fails.
 
-    Args:
-        problem: what is known; its noise is white.
-        observations: one for each trajectory.
-        games: a game of each at the same weights, from which the search starts.
-        held: whether these weights are held.
-
-    Returns:
-        The sum of squared errors, each over its noise scale; None if the search fails.
+    It starts at a game of each trajectory, all at the same weights, which may be held; the noise is
+    white.
     """
     weights = games[0].weights
     chart = HeldWeights(weights) if held else RatioChart(weights, problem.weight_floor)
@@ -247,17 +238,9 @@ def least_error_in(
     chart: Chart,
     deadline: float = np.inf,
 ) -> tuple[float, tuple[SolvedGame, ...]] | None:
-    """The least squared error among weights of a chart, near some games, and the games there.
+    """The least squared error among weights of a chart, and the games there; None if it fails.
 
-    Args:
-        problem: as of ``least_error``.
-        observations: one for each trajectory.
-        games: a game of each at the same weights, from which the search starts.
-        chart: its coordinates are fitted.
-        deadline: the search ends by then, in seconds of ``time.monotonic``.
-
-    Returns:
-        None if the search fails.
+    Arguments are those of ``least_error``; it ends by the deadline, in s of ``time.monotonic``.
     """
     residuals = OuterResiduals(problem, observations, games, chart, deadline)
     try:

@@ -148,12 +148,9 @@ class PastGames:
     """The most probable game given the samples so far, for one t after the other."""
 
     def __init__(self, problem: Problem, y: np.ndarray, deadline: float) -> None:
-        """Games of one trajectory.
+        """Games of y (T, N, d), NaN where missing; the noise is white.
 
-        Args:
-            problem: what is known; its noise is white.
-            y: (T, N, d) observations, NaN where missing.
-            deadline: searches end by then, in seconds of ``time.monotonic``.
+        Searches end by the deadline, in seconds of ``time.monotonic``.
         """
         self._problem = replace(problem, sigma=assumed_sigma(problem))
         self._y, self._deadline = y, deadline
@@ -184,11 +181,7 @@ class PastPeaks:
         self._next: SolvedGame | None = games.start
 
     def better(self, posterior: PastPosterior, t: int, objective: float) -> Linearised | None:
-        """A point that is clearly more probable given the samples up to t.
-
-        Returns:
-            The other point. Games are followed from there. None if there is no such point.
-        """
+        """A point clearly more probable given the samples up to t; games then start from it."""
         game, self._next = self._next or self._past.at(t), None
         if game is None:
             return None
@@ -223,20 +216,10 @@ def outset(
     *,
     peek: bool,
 ) -> Outset:
-    """Where a filter begins.
+    """Where a filter begins; ``spread`` and ``peek`` are those of ``Ukf``, and the noise is white.
 
-    Args:
-        problem: what is known; its noise is white.
-        observation: what is seen of one trajectory.
-        weights: belief about the coordinates of weights and unknowns after earlier trajectories;
-            None if there are none.
-        spread: as of ``Ukf``.
-        deadline: in seconds of ``time.monotonic``.
-        peek: as of ``Ukf``.
-
-    Raises:
-        LostError: if no game is found near the samples.
-        LateError: after the deadline.
+    ``weights`` is the belief after earlier trajectories, None if there are none. Raises LostError
+    if no game is found near the samples; LateError after the deadline, in s of ``time.monotonic``.
     """
     sigma = assumed_sigma(problem)
     if peek:
@@ -259,10 +242,7 @@ def outset(
 
 
 def beginning(y: np.ndarray) -> int:
-    """The first t at which every player was seen in enough samples (T, N, d), or else the last one.
-
-    Enough is a quarter of the horizon, and two at least.
-    """
+    """The first t with T/4 samples, at least two, of every player in y (T, N, d); else the last."""
     counts = np.isfinite(y).any(axis=2).cumsum(axis=0).min(axis=1)
     (enough,) = np.nonzero(counts >= max(_LEAST, len(y) // _SHARE))
     return int(enough[0]) if enough.size else len(y) - 1

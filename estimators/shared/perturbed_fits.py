@@ -208,14 +208,8 @@ def perturbed_fits(
 ) -> Fits:
     """Points from all peaks with their weights, and from drawn points until they suffice.
 
-    Args:
-        density: of what is sampled.
-        peaks: where the first fits start.
-        rng: the source of randomness.
-        first: number of fits from the peaks.
-        more: number of fits from every further place.
-        most: number of all fits at most; fewer if they would hardly suffice.
-        enough: effective sample size that suffices.
+    There are ``first`` fits from the peaks, ``more`` from every further place, and ``most`` in all;
+    fewer if they would hardly suffice. An effective sample size of ``enough`` suffices.
     """
     pool = _Pool(density, rng)
     for peak, count in zip(peaks, counts_of(peaks, first), strict=True):
@@ -332,9 +326,5 @@ def _improved(
 
 
 def _lengths(peak: Peak, steps: np.ndarray) -> np.ndarray:
-    """Of steps (B, d), in widths of the peak.
-
-    The metric R'R is no use: where the narrow direction of a bent valley turns, steps along the
-    valley seem a hundred times as long as they are.
-    """
+    """Of steps (B, d), in widths of the peak; R'R misleads where a bent valley turns."""
     return np.asarray(np.linalg.norm(steps, axis=1) / peak.width)

@@ -105,15 +105,9 @@ def shared_covariance(
 ) -> np.ndarray | None:
     """Covariance (D*K, D*K) of the weights at an optimum: the inverse of all information.
 
-    Initial states and unknowns are each motion's own.
-
-    Args:
-        motions: what was seen.
-        games: the game of each.
-        precision: (D, K) of a prior of the weights, with which unknowns have theirs; or None.
-
-    Returns:
-        None where weights are not identifiable, without noise, or at a fold of equilibria.
+    Initial states and unknowns are each motion's own. With ``precision`` (D, K) of a prior of the
+    weights, unknowns have theirs too. None where weights are not identifiable, without noise, or at
+    a fold of equilibria.
     """
     if any(one.problem.sigma == 0 for one in motions):
         return None

@@ -22,14 +22,10 @@ _MEDIAN, _SPREAD, _RANGE = 0.0, 2.0, (-3.0, 6.0)
 
 
 def fitted_population(samples: Sequence[np.ndarray], used: WeightPrior) -> WeightPrior:
-    """The Dirichlet distribution that explains samples of several motions best, by (E1).
+    """The Dirichlet distribution that explains samples (M, N, K) of several motions best, by (E1).
 
-    Args:
-        samples: (M, N, K) weights of the players of each motion, of equal probability.
-        used: the prior with which they were drawn.
-
-    Raises:
-        ValueError: on fewer than three drivers, or samples that are no positive weights.
+    They were drawn with the prior ``used``, with equal probability. Raises ValueError on fewer than
+    three drivers, or samples that are no positive weights.
     """
     drivers = sum(one.shape[1] for one in samples)
     if drivers < 3:

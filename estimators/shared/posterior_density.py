@@ -93,10 +93,7 @@ class Density(Protocol):
 
 
 def climbed(density: Density, place: Places, most: int, free: slice = slice(None)) -> Places:
-    """The most probable point near one place, or what as many Gauss-Newton steps reach.
-
-    Only the coordinates that are ``free`` change.
-    """
+    """The most probable point near a place, or as many Gauss-Newton steps to it, in ``free``."""
     for _ in range(most):
         step, share = np.zeros(place.points.shape[1]), 1.0
         errors, rows = place.errors[0], place.rows[0][:, free]
@@ -246,12 +243,8 @@ class GameDensity:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of the errors, (B,) arrays (O, d), and which roots (B,) are regular.
 
-        Args:
-            theta: (B, N, K + U).
-            jacobian: (B, N*(K+U), size) its derivative.
-            roots: (B, T, s).
-            seen: (B, T, N, d, n) h_x over sigma.
-            believed: (P, d) derivative of the errors of the prior.
+        Jacobian (B, N*(K+U), size) is that of theta (B, N, K + U), ``seen`` (B, T, N, d, n) is h_x
+        over sigma, ``believed`` (P, d) the derivative of the prior's errors.
         """
         count, width, size = len(roots), _width(self.problem), self.chart.size
         flat = theta.reshape(count, -1)
@@ -319,9 +312,7 @@ _ALONG_LANE = 0.1
 def start_prior(problem: Problem, observation: Observation) -> StartPrior | None:
     """The prior of x_1, flat for what the first sample shows; None if that is all.
 
-    Args:
-        problem: what is known; its noise is white.
-        observation: a player without any complete sample counts as one in the first.
+    The noise is white. A player without any complete sample counts as one in the first.
     """
     complete = np.isfinite(observation.y).all(axis=2)
     late = complete.argmax(axis=0)

@@ -98,19 +98,11 @@ def profile_intervals(
     level: float = 0.95,
     deadline: float = np.inf,
 ) -> np.ndarray:
-    """Intervals of every weight.
+    """Intervals (N, K, 2) that hold each true weight with the probability ``level``.
 
-    Args:
-        problem: what is known; its noise is white, and its sigma positive.
-        observations: one for each trajectory.
-        games: the maximum-likelihood game of each.
-        deviations: (N, K) standard errors, which say how far to look first.
-        level: probability that an interval holds its true weight.
-        deadline: ends that are not found by then, in seconds of ``time.monotonic``, stay NaN.
-
-    Returns:
-        (N, K, 2) lower and upper ends; NaN where no fit is found on the way to an end. They are
-        those of the mode of the likelihood in which the games are.
+    They are those of the mode of the likelihood in which the games are, one for each trajectory.
+    Deviations (N, K) say how far to look first. Ends are NaN where no fit is found on the way to
+    them, or by the deadline, in seconds of ``time.monotonic``. The noise is white, sigma positive.
     """
     games = tuple(games)
     weights = games[0].weights

@@ -27,13 +27,10 @@ from olne_bench.estimators.shared.white_noise import assumed_sigma, white_proble
 
 
 class FilterRun(ABC):
-    """The state of one estimate, which filters trajectories in turn.
+    """One estimate, which filters trajectories in turn.
 
-    Attributes:
-        online: mean weights (N, K) after each measurement so far.
-        games: those of the last trajectory.
-        belief: about the coordinates of weights and unknowns; None before the first trajectory.
-        message: one line if it failed.
+    Mean weights (N, K) are ``online`` after each measurement so far. The belief is None before the
+    first trajectory; the message is one line if it failed.
     """
 
     games: FollowedGames
@@ -50,11 +47,7 @@ class FilterRun(ABC):
 
     @abstractmethod
     def filtered(self, begin: Outset, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Filter samples (T, N*d) and append to ``online``.
-
-        Returns:
-            The mean (n,) of the last belief, and its covariance in these coordinates.
-        """
+        """Append to ``online`` for samples (T, N*d); mean (n,) and covariance at the end."""
 
     @abstractmethod
     def certainty(self) -> tuple[np.ndarray, dict[str, Any]]:

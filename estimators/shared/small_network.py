@@ -1,7 +1,4 @@
-"""A small feed-forward network in NumPy: linear layers with SiLU in between.
-
-Scripts train networks in PyTorch; whoever uses one needs NumPy only.
-"""
+"""A small feed-forward network in NumPy, trained in PyTorch: linear layers with SiLU in between."""
 
 from typing import TypeAlias
 

@@ -44,15 +44,11 @@ class TrajectoryFit:
 def fit_trajectory(
     game: Game, view: View, y: np.ndarray, noise_scale: Sequence[float] = ()
 ) -> TrajectoryFit:
-    """Least squares subject to the dynamics, without equilibrium conditions.
+    """Least squares subject to the dynamics of a game, without equilibrium conditions.
 
-    Where whole samples of a player are missing, many motions fit the others: the calmest is meant.
-
-    Args:
-        game: gives the dynamics; its horizon is not used.
-        view: the observation model.
-        y: (S, N, d) observations, NaN where missing.
-        noise_scale: (d,) relative standard deviations of the observations; ones if empty.
+    Where whole samples of a player are missing in y (S, N, d), NaN there, many motions fit the
+    others: the calmest is meant. ``noise_scale`` (d,) are relative standard deviations; ones if
+    empty.
     """
     steps = len(y)
     solver = _fit_solver(_motion_of(game), view, steps)
@@ -96,10 +92,7 @@ def squared_error(game: Game, view: View, states: ca.SX, y: ca.SX, precision: ca
 
 
 def observation_parameters(y: np.ndarray, noise_scale: Sequence[float] = ()) -> np.ndarray:
-    """Values of the symbols ``(y, precision)`` of ``squared_error``.
-
-    Missing samples have the precision zero, all others one over their noise scale (d,).
-    """
+    """``(y, precision)`` for ``squared_error``: one over the noise scale (d,), zero if missing."""
     seen = np.isfinite(y)
     precision = seen / np.array(noise_scale or 1.0)
     return np.concatenate([np.where(seen, y, 0.0).ravel(), precision.ravel()])
@@ -174,10 +167,7 @@ def _coasting(dynamics: Dynamics, dt: float) -> RowFunction:
 
 
 def _fill_gaps(samples: np.ndarray) -> np.ndarray:
-    """Linear interpolation over time of (S, N) samples; a player never seen gets zeros.
-
-    Ends are extrapolated along the line through the nearest few samples.
-    """
+    """Linear interpolation over time of (S, N) samples, lines at the ends; zeros if never seen."""
     if np.isfinite(samples).all():
         return samples
     filled = np.zeros_like(samples)

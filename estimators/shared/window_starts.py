@@ -66,12 +66,7 @@ class WindowPoints:
 
 
 def window_points(problem: Problem, y: np.ndarray) -> WindowPoints:
-    """Motions that begin at the samples.
-
-    Args:
-        problem: what is known.
-        y: (T, N, d) observations, NaN where missing.
-    """
+    """Motions that begin at the samples (T, N, d), NaN where missing."""
     free = free_drive(problem, y)
     return WindowPoints(_played(problem.game, free), seen_then_free(problem, y), free)
 
@@ -90,11 +85,9 @@ def _played(game: Game, free: JointPoint) -> JointPoint:
 
 
 def seen_then_free(problem: Problem, y: np.ndarray) -> JointPoint:
-    """The samples, slightly smoothed, then each player's best plan alone; no costates.
+    """The samples (T, N, d), slightly smoothed, then each player's best plan alone; no costates.
 
-    Args:
-        problem: what is known. Hard constraints do not count here.
-        y: (T, N, d) observations, NaN where missing.
+    Hard constraints do not count here.
     """
     game, states = problem.game, _shown_states(problem, y)
     if (shown := len(states)) < game.horizon:
@@ -104,12 +97,7 @@ def seen_then_free(problem: Problem, y: np.ndarray) -> JointPoint:
 
 
 def free_drive(problem: Problem, y: np.ndarray) -> JointPoint:
-    """Each player's best plan alone, from the first state that its samples show.
-
-    Args:
-        problem: what is known. Hard constraints do not count here.
-        y: (T, N, d) observations, NaN where missing.
-    """
+    """Each player's best plan alone, without constraints, from the first state in y (T, N, d)."""
     states = _shown_states(problem, y)
     return drive_alone(problem.game, states[0], guess_controls(problem.game, states))
 
@@ -121,12 +109,9 @@ def _shown_states(problem: Problem, y: np.ndarray) -> np.ndarray:
 
 
 def drive_alone(game: Game, start: np.ndarray, first: np.ndarray | None = None) -> JointPoint:
-    """Each player's best plan alone, at uniform weights.
+    """Each player's best plan alone, at uniform weights and without constraints, from x_1 (N, n).
 
-    Args:
-        game: the game. Hard constraints do not count here.
-        start: (N, n) x_1.
-        first: (S, N, m) controls of the first steps to begin with; zeros if None.
+    It begins with the controls (S, N, m) of the first steps; zeros if None.
     """
     whole, game = game, replace(game, constraints=())
     point = JointPoint.from_trajectory(game, np.repeat(start[None], game.horizon, axis=0))
@@ -145,13 +130,7 @@ def drive_alone(game: Game, start: np.ndarray, first: np.ndarray | None = None) 
 
 
 def tied_settings(problem: Problem, tie: float, iterations: int) -> JointSettings:
-    """Settings of a loose solve whose weights and unknowns are tied to uniform and to their means.
-
-    Args:
-        problem: what is known.
-        tie: factor of the terms |theta - 1/K|^2 and |s|^2.
-        iterations: most iterations.
-    """
+    """Settings of a loose solve with terms ``tie`` |theta - 1/K|^2 and ``tie`` |s|^2."""
     return JointSettings(
         noise_scale=problem.noise_scale,
         weight_floor=problem.weight_floor,
@@ -170,17 +149,9 @@ def followed(
     *,
     deadline: float = np.inf,
 ) -> JointPoint:
-    """The solution with weights tied to uniform, as samples are added to the first ones.
+    """The last solution with weights tied to uniform, as more and more of y (T, N, d) counts.
 
-    Args:
-        problem: what is known.
-        y: (T, N, d) observations, NaN where missing.
-        start: where the first solve begins.
-        tie: factor of the term |theta - 1/K|^2.
-        deadline: solves end by then, in seconds of ``time.monotonic``.
-
-    Returns:
-        The last point at which a solve converged.
+    Solves end by the deadline, in seconds of ``time.monotonic``.
     """
     settings = tied_settings(problem, tie, _ITERATIONS)
     point, shown = start, int(_last_seen(y).max())

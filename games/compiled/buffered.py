@@ -1,7 +1,6 @@
-"""CasADi functions on NumPy arrays without the conversions of a plain call.
+"""CasADi functions on NumPy arrays with memory that is bound once, for worlds that go step by step.
 
-A plain call of a small function takes about 100 microseconds, nearly all of it for conversion. With
-memory that is bound once it takes about one. Worlds need this, as they step one state at a time.
+A plain call of a small function takes some 100 microseconds of conversion, this about one.
 """
 
 from typing import Any

@@ -244,10 +244,7 @@ def _scratch_folder() -> "tempfile.TemporaryDirectory[str]":
 
 
 def _tidy(folder: Path, keep: Path) -> None:
-    """Remove the least recently used libraries beyond the limit, and abandoned scratch folders.
-
-    A process whose library is removed before it has loaded it compiles it again.
-    """
+    """Remove the least recently used libraries beyond the limit, and abandoned scratch folders."""
     for path in folder.glob(f"{_SCRATCH}*"):
         with suppress(FileNotFoundError):  # another process does the same
             if time.time() - path.stat().st_mtime > _ABANDONED:

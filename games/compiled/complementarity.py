@@ -38,23 +38,15 @@ COMPLEMENTARITY_FUNCTIONS = ("value", "jacobian", "hessian", "margins")
 
 @dataclass(frozen=True, eq=False)
 class ComplementarityPlace:
-    """Where one constraint belongs in the whole game.
+    """Where one constraint belongs in the whole game."""
 
-    Attributes:
-        kind: index of its functions.
-        players: those whose states it looks at.
-        first_step: the first step in which it is enforced.
-        offset: place of its first multiplier among all of a stage.
-        theta: places of its unknowns in theta.
-        indices: for each function but ``margins``, the place of each of its nonzeros among the
-            values of the whole stage.
-    """
-
-    kind: int
-    players: tuple[int, ...]
-    first_step: int
-    offset: int
-    theta: np.ndarray
+    kind: int  # index of its functions
+    players: tuple[int, ...]  # those whose states it looks at
+    first_step: int  # the first step in which it is enforced
+    offset: int  # place of its first multiplier among all of a stage
+    theta: np.ndarray  # places of its unknowns in theta
+    #: For each function but ``margins``, the place of each of its nonzeros among the values of
+    #: the whole stage.
     indices: dict[str, np.ndarray]
 
 
@@ -66,18 +58,13 @@ class ComplementarityFunctions:
     multipliers v (c,), which margins are enforced (c,), numbers (P,), tau (1,), standardised values
     of its unknowns (k,), and multipliers of the rows (count*n,) and (count*m + c,)), and return one
     column of nonzeros; ``margins`` those of (C2).
-
-    Attributes:
-        after: (c,) whether each margin is taken after the step.
-        num_numbers: P.
-        functions: by the names of ``COMPLEMENTARITY_FUNCTIONS``.
-        patterns: of all but ``margins``, the blocks of the nonzeros, in rows and columns of the
-            constraint: states, then controls and multipliers, then unknowns.
     """
 
-    after: tuple[bool, ...]
-    num_numbers: int
-    functions: dict[str, ca.Function]
+    after: tuple[bool, ...]  # (c,) whether each margin is taken after the step
+    num_numbers: int  # P
+    functions: dict[str, ca.Function]  # by the names of ``COMPLEMENTARITY_FUNCTIONS``
+    #: Of all but ``margins``, the blocks of the nonzeros, in rows and columns of the
+    #: constraint: states, then controls and multipliers, then unknowns.
     patterns: dict[str, tuple[Pattern, ...]]
 
     @property

@@ -98,10 +98,7 @@ class Elimination:
 
     @cached_property
     def four(self) -> FourGames | None:
-        """What solves four such games at a time, compiled when it is first asked for.
-
-        None where there are constraints, or the processor has no vectors of four numbers.
-        """
+        """What solves four such games at a time; None with constraints or without wide vectors."""
         if self.stages.num_multipliers or self.stages.constraints or not has_wide_vectors():
             return None
         return FourGames(self.stages, self.horizon, self._arrays["numbers"])
@@ -131,10 +128,7 @@ class Elimination:
         return other
 
     def set_observations(self, y: np.ndarray, noise_scale: np.ndarray | float = 1.0) -> None:
-        """Observations (T, N*d), NaN where missing, for the loss and its derivatives.
-
-        ``noise_scale`` (N*d,) holds their relative standard deviations.
-        """
+        """Observations (T, N*d), NaN where missing, and relative standard deviations (N*d,)."""
         shape = (self.horizon, self.stages.num_samples)
         y, noise_scale = dense("y", y, shape), np.asarray(noise_scale, dtype=float)
         if noise_scale.shape not in ((), (1,), shape[1:]):
@@ -195,7 +189,7 @@ class Elimination:
     def linearise_condensed(
         self, z: np.ndarray, theta: np.ndarray, v: np.ndarray, sigma: np.ndarray, shift: float
     ) -> bool:
-        """``linearise`` with J' diag(sigma) J - v' g'' and shift I added to the second derivatives.
+        """``linearise`` with J' diag(sigma) J - v' g'' + shift I added to second derivatives.
 
         Multipliers v and weights sigma are (T, C). False unless the symmetric part of every stage
         matrix M is positive definite.
@@ -205,10 +199,7 @@ class Elimination:
         return bool(self.library.linearise_condensed(self.work, *point, *margins, shift))
 
     def solve(self, right: np.ndarray, *, transposed: bool = False) -> np.ndarray:
-        """Solve G_z out = right, or G_z' out = right, with out's x_1 (p_1) zero: (E5), (E6).
-
-        Arrays (T, size).
-        """
+        """Solve G_z out = right (T, size), or G_z' out = right, with x_1 (p_1) zero: (E5), (E6)."""
         out = np.empty(self._shape)
         self.library.solve(self.work, int(transposed), self._rows("right", right), out)
         return out
@@ -264,10 +255,9 @@ class Elimination:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Damped Newton on G = 0 for a batch of starts z (B, T, size), in place; theta (B, N*K).
 
-        Of each game, at most ``max_iterations`` factorisations are made; each serves until its
-        steps leave too much of the residual (``ENOUGH``). ``factorised``: the last one is of a
-        point near the start of a single game, and serves first. Returns max |G| (B,) and the
-        number of factorisations (B,).
+        A game's ``max_iterations`` factorisations each serve until steps leave too much of the
+        residual (``ENOUGH``); with ``factorised`` the last one, of a point near a single game's
+        start, serves first. Returns max |G| (B,) and the number of factorisations (B,).
         """
         count = len(z)
         if factorised and count != 1:
@@ -289,8 +279,8 @@ class Elimination:
     ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives (B, T, N, d, N*n + N*K) of samples in (x_1, theta) at roots z (B, T, size).
 
-        Theta is (B, N*K); ``seen`` (B, T, N, d, n) are the derivatives of the samples in the state
-        of their player. Also says which roots (B,) are regular; the others' are undefined.
+        Theta is (B, N*K), ``seen`` (B, T, N, d, n) derivatives in the player's state. Also says
+        which roots (B,) are regular; the others' are undefined.
         """
         stages, count, samples = self.stages, len(z), seen.shape[3]
         own = stages.num_players, samples, stages.num_states // stages.num_players
@@ -345,10 +335,10 @@ class Elimination:
         max_rounds: int,
         max_steps: int,
     ) -> np.ndarray:
-        """Iterated best response from a feasible motion z (T, size), with the responses' costates.
+        """Iterated best response from a feasible z (T, size), with costates (``games.solve``).
 
-        The arguments are those of ``games.solve.best_response``: ``settled`` is its tolerance,
-        ``max_steps`` its ``max_iterations``.
+        ``settled`` is the tolerance of ``games.solve.best_response``, ``max_steps`` its
+        ``max_iterations``.
         """
         z = self._rows("z", z).copy()
         tolerance, max_iterations = 1e-12, 200  # of each response
@@ -388,10 +378,7 @@ def _enforced(stages: StageFunctions, horizon: int) -> np.ndarray:
 
 
 def elimination(game: Game, view: View = VIEWS["full"], number: int = 0) -> Elimination:
-    """The elimination of a game, built or fetched, whose constraints are equations.
-
-    Each ``number`` has a work space of its own.
-    """
+    """The elimination of a game, constraints as equations; each ``number`` has its work space."""
     return _numbered(game, view, number)
 
 
@@ -401,10 +388,10 @@ def _numbered(game: Game, view: View, _: int) -> Elimination:
 
 
 def interior_elimination(game: Game, known: Game | None = None) -> Elimination:
-    """The elimination of ``games.solve.interior``, with constraints condensed.
+    """The elimination of ``games.solve.interior``, with constraints condensed and one work space.
 
-    Where the game leaves some unknown, ``known`` is the game with known constraints; ValueError if
-    it is missing. All of them share one work space.
+    Where the game leaves some unknown, ``known`` has known constraints; ValueError if it is
+    missing.
     """
     if known is not None and known is not game:
         numbers = numbers_table(known.constraints, known.dt)

@@ -1,7 +1,6 @@
-"""CasADi functions that are evaluated for every row of NumPy arrays, compiled where possible.
+"""CasADi functions evaluated for every row of NumPy arrays, by a loop compiled with their C code.
 
-CasADi writes the functions as C, and a loop over the rows is compiled with them
-(``games.compiled.compiler``). Where native code does not work, CasADi's own ``map`` does the same.
+Where native code does not work, CasADi's own ``map`` does the same.
 """
 
 import ctypes

@@ -36,10 +36,7 @@ def source_of(stages: StageFunctions) -> str:
 
 @lru_cache(maxsize=64)
 def source_of_four(stages: StageFunctions) -> str:
-    """The C source of Newton's method and sensitivities for four games at a time.
-
-    The games have no constraints; nothing of it depends on the observation model.
-    """
+    """The C source of Newton's method and sensitivities for four games, without constraints."""
     sizes = _sizes(stages) | {"CURVATURE": 0, "SAMPLES": 0, "LOSS_HESSIAN": 0}
     without = "#define add_equations(...)\n#define add_condensed(...)\n#define definite(M) 1\n"
     parts = [text_of("four.c"), _functions_of_four(stages), without, *map(text_of, _FOUR)]
@@ -146,10 +143,7 @@ def _in_four(code: str) -> str:
 
 
 def without_checks(code: str) -> str:
-    """CasADi's C code without its checks for absent arguments and results; all are given here.
-
-    RuntimeError if CasADi writes its checks in another way.
-    """
+    """CasADi's C code without checks for absent arguments; RuntimeError if they look unknown."""
     code = re.sub(r"(arg\[\d+\])\? (\1\[\d+\]) : 0", r"\2", code)
     code = re.sub(r"if \(res\[\d+\]!=0\) ", "", code)
     if left := re.search(r"(?:arg|res)\[\d+\] *(?:\?|!=)", code):

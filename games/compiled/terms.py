@@ -220,8 +220,8 @@ def _value(feature: Feature, stage: Stage) -> ca.SX | float:
 def reach(feature: Feature, player: int, count: int, dynamics: Dynamics) -> str:
     """Of which players the states decide what a feature costs a player.
 
-    ``own``: of the player alone. ``pair``: the cost is a sum over the other players, each part of
-    which depends on the player and on that one. ``all``: neither.
+    ``own``: of the player alone. ``pair``: a sum over others, each part depends on the two.
+    ``all``: neither.
     """
     states = [ca.SX.sym(f"x{j}", dynamics.state_size) for j in range(count)]
     control = ca.SX.sym("u", dynamics.control_size)

@@ -185,10 +185,9 @@ def described(constraint: Constraint) -> str:
 
 
 def constraint_unknowns(constraints: Sequence[Constraint]) -> dict[str, tuple[Unknown, int]]:
-    """The unknowns that constraints hold, by name, and the player with which each is listed.
+    """Unknowns that constraints hold, by name, with the first player of the first such constraint.
 
-    That is the first player of the first constraint that holds it. Raises ValueError if unknowns of
-    one name differ.
+    Raises ValueError if unknowns of one name differ.
     """
     found: dict[str, tuple[Unknown, int]] = {}
     for constraint in constraints:
@@ -203,15 +202,7 @@ def constraint_unknowns(constraints: Sequence[Constraint]) -> dict[str, tuple[Un
 
 
 def refuse_constraints(constraints: Sequence[Constraint], what: str) -> None:
-    """Refuse constraints where a method would ignore them.
-
-    Args:
-        constraints: of the game.
-        what: the method.
-
-    Raises:
-        ValueError: if there are any; one line that names the first one.
-    """
+    """Refuse constraints that a method (``what``) would ignore; ValueError names the first one."""
     if constraints:
         raise ValueError(
             f"{what} knows no constraints, but the game has {described(constraints[0])}"

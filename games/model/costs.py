@@ -66,10 +66,7 @@ class Feature(Hashable, Protocol):
 
 @runtime_checkable
 class Resizable(Protocol):
-    """A feature whose structure has a size, such as a route that has a number of lanes.
-
-    Solvers bring all of a game to the largest, so that games which differ in sizes share them.
-    """
+    """A feature whose structure has a size, such as a route; games share that of the largest."""
 
     @property
     def size(self) -> int:

@@ -99,18 +99,12 @@ class _BicycleStep:
 
 @lru_cache(maxsize=64)
 def bicycle(rear_axle: float = 2.5, sub_steps: int = 1) -> Dynamics:
-    """Kinematic bicycle, integrated by equal explicit Euler sub-steps under a constant control.
+    """Kinematic bicycle, in ``sub_steps`` equal explicit Euler steps under a constant control.
 
-    It is the same map as HighwayEnv's ``Vehicle.step`` (Leurent 2018), whose simulation runs
-    ``sub_steps`` frames per action. State px [m], py [m], heading [rad], speed [m/s]; control
-    steering [rad], acceleration [m/s^2].
-
-    Args:
-        rear_axle: distance [m] from the centre of gravity, in the middle, to the rear axle.
-        sub_steps: Euler steps per step of the game, at least 1.
-
-    Raises:
-        ValueError: if a parameter is out of range.
+    It is the same map as HighwayEnv's ``Vehicle.step`` (Leurent 2018), whose simulation runs so
+    many frames per action. State px [m], py [m], heading [rad], speed [m/s]; control steering
+    [rad], acceleration [m/s^2]. The rear axle is so far [m] from the centre of gravity, in the
+    middle. Raises ValueError if a parameter is out of range.
     """
     if sub_steps < 1:
         raise ValueError(f"sub_steps must be at least 1, got {sub_steps}")
@@ -137,17 +131,7 @@ def dynamics_errors(
 def rollout(
     dynamics: Dynamics, initial_state: np.ndarray, controls: np.ndarray, dt: float
 ) -> np.ndarray:
-    """Simulate open-loop controls from an initial state.
-
-    Args:
-        dynamics: the motion model.
-        initial_state: (N, n).
-        controls: (T-1, N, m).
-        dt: step [s].
-
-    Returns:
-        States (T, N, n), the initial state first.
-    """
+    """States (T, N, n) under open-loop controls (T-1, N, m), with steps dt [s], from (N, n)."""
     first, controls = np.asarray(initial_state, dtype=float), np.asarray(controls, dtype=float)
     steps, players, size = controls.shape
     if steps == 0:
@@ -159,10 +143,9 @@ def rollout(
 
 @lru_cache(maxsize=16)
 def numeric_step(dynamics: Dynamics, dt: float) -> ca.Function:
-    """The map of one step, ``(state (n, N), control (m, N)) -> next state (n, N)``.
+    """The map of one step, ``(state (n, N), control (m, N)) -> next state (n, N)``, for any N.
 
-    Players are columns, any number of them. All numerical simulation uses this function, so that
-    replays agree to the last bit.
+    All numerical simulation uses it, so that replays agree to the last bit.
     """
     state = ca.SX.sym("state", dynamics.state_size)
     control = ca.SX.sym("control", dynamics.control_size)

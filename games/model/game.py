@@ -138,13 +138,9 @@ class Game:
         return Parameters(listed_unknowns(self.players, self.constraints))
 
     def known(self, values: np.ndarray) -> "Game":
-        """The game in which the unknowns have certain values.
+        """The game in which unknowns have the values (N, U), in units, as of ``parameters``.
 
-        Args:
-            values: (N, U) as of ``parameters``, in their units.
-
-        Raises:
-            ValueError: on a wrong shape, or a number that is missing or out of its range.
+        Raises ValueError on a wrong shape, or a number that is missing or out of its range.
         """
         values = self.parameters.check(values)
         players = []
@@ -163,8 +159,7 @@ class Game:
     def with_known_constraints(self, theta: np.ndarray) -> tuple["Game", np.ndarray]:
         """The game in which what constraints leave unknown is known, and its theta.
 
-        Args:
-            theta: (N, K + U), of this game; values may be out of their ranges.
+        Theta (N, K + U) is of this game; values may be out of their ranges.
         """
         if not self._unknown_constraints:
             return self, theta
@@ -288,11 +283,7 @@ def _named(values: dict[str, float], unknown: Unknown) -> float:
 
 
 def trajectory_symbols(name: str, shape: tuple[int, int, int]) -> tuple[ca.SX, list[list[ca.SX]]]:
-    """A flat symbol for an array (steps, N, size) and its blocks ``[step][player]``.
-
-    The flat order is NumPy's C order, so values pass as ``array.ravel()`` and come back with
-    ``reshape(shape)``.
-    """
+    """A flat symbol, in C order, of an array (steps, N, size); its blocks ``[step][player]``."""
     steps, players, size = shape
     flat = ca.SX.sym(name, steps * players * size)
     rows = ca.vertsplit(flat, size) if flat.numel() else []
@@ -306,17 +297,9 @@ def player_cost(
     controls: list[ca.SX],
     weights: ca.SX,
 ) -> ca.SX:
-    """J^i (eqn. nash): cost of one player over a whole trajectory, as an expression.
+    """J^i (eqn. nash): cost of player i over a whole trajectory; ValueError if it has unknowns.
 
-    Args:
-        game: the game.
-        player: index i.
-        states: T rows of N state symbols.
-        controls: T-1 control symbols of this player.
-        weights: (K,) symbol of this player's weights.
-
-    Raises:
-        ValueError: if the player has unknowns.
+    There are T rows of N state symbols, T-1 control symbols and a (K,) symbol of its weights.
     """
     model = game.players[player]
     if unknowns := game.parameters.unknowns[player]:

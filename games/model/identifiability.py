@@ -53,13 +53,10 @@ class Identifiability:
 def identified_at(
     root: np.ndarray, num_weights: int, used: np.ndarray, *, sigma: float
 ) -> Identifiability:
-    """Which weights are identified at a noise level; the information may be singular.
+    """Which weights, of K, are identified at a noise level above 0.
 
-    Args:
-        root: (F, F) root of the information of theta for unit noise, each start being unknown.
-        num_weights: K.
-        used: (N, U) which columns stand for an unknown (``Parameters.used``).
-        sigma: noise level, above 0.
+    The root (F, F) is of theta's information for unit noise, each start being unknown; it may be
+    singular. ``used`` (N, U) says which columns stand for an unknown (``Parameters.used``).
     """
     tangent, count = theta_tangent(num_weights, used), num_weights
     players, width = len(used), count + used.shape[1]
@@ -96,10 +93,7 @@ def _posterior_and_bound(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Posterior covariance (F, F) in the tangent's coordinates, and bounds of all theta.
 
-    Args:
-        root: (F, F) root of the information.
-        tangent: (N*(K+U), F).
-        prior: (F,) precisions of the coordinates without data.
+    The tangent is (N*(K+U), F); the prior (F,) holds the coordinates' precisions without data.
     """
     scale = prior**-0.5
     # Eigenvalues through singular values: squaring would lose half of the digits.

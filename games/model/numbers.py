@@ -169,25 +169,19 @@ def numbers_of(thing: Any) -> tuple[float, ...]:
 
 
 def with_symbols(thing: Any, symbols: ca.SX) -> Any:
-    """A copy with symbols for its numbers.
+    """A copy of a dataclass, or of a tuple of them, with a column of symbols for its numbers.
 
-    Args:
-        thing: a dataclass or a tuple of them.
-        symbols: column of at least as many entries as ``numbers_of`` finds; the rest is not used.
+    Further symbols than ``numbers_of`` finds are not used.
     """
     remaining = iter(ca.vertsplit(symbols))
     return with_numbers(thing, lambda _: next(remaining))
 
 
 def with_numbers(thing: Any, change: Callable[[float], Any], annotation: object = None) -> Any:
-    """A copy with every number changed.
+    """A copy of a dataclass, tuple or field with every number changed, in the order of fields.
 
-    No ``__post_init__`` runs: its checks compare numbers, and symbols cannot be compared.
-
-    Args:
-        thing: a dataclass, a tuple of them, or a value of a field.
-        change: is called with each number, in the order of the fields.
-        annotation: of the field that holds the value.
+    No ``__post_init__`` runs: its checks compare numbers, and symbols cannot be compared. The
+    annotation is that of the field.
     """
     if isinstance(thing, _LITERAL):
         return thing

@@ -34,13 +34,10 @@ class Components(Hashable, Protocol):
 
 
 class View(ABC):
-    """An observation model, applied to each player's state separately.
+    """An observation model, applied to each player's state separately, and its short name.
 
     Views are frozen dataclasses: solvers are built once per structure of a view and found again by
     its hash; its numbers are data (``games.model.numbers``).
-
-    Attributes:
-        name: short name, used in suites and tables.
     """
 
     name: str
@@ -61,18 +58,14 @@ class View(ABC):
         return -limit, limit
 
     def noise_scale(self, scale: np.ndarray, dynamics: Components) -> np.ndarray:
-        """Relative standard deviations (d,) of the noise on the observed components.
+        """Relative standard deviations (d,) of the noise: times sigma, in the components' units.
 
-        Times sigma they are standard deviations in the units of the components. ``scale`` (n,)
-        holds those of the state's components, which are one for positions [m].
+        ``scale`` (n,) holds those of the state's components, which are one for positions [m].
         """
         return np.ones(observation_size(self, dynamics))
 
     def read_off(self, y: np.ndarray, dynamics: Components) -> dict[str, np.ndarray]:
-        """State components (...) that observations (..., d) determine, by name; possibly none.
-
-        Solvers start from them.
-        """
+        """State components (...) that observations (..., d) determine, by name: starts."""
         return {}
 
 

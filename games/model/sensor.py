@@ -32,14 +32,9 @@ class NoiseLayer(ABC):
 
     @abstractmethod
     def covariance(self, scale: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-        """Covariance (d, d) relative to sigma^2.
+        """Covariance (d, d) relative to sigma^2, from noise scales (d,) and names of components.
 
-        Args:
-            scale: (d,) noise scales of the view, standard deviations relative to sigma.
-            names: names of the d observed components.
-
-        Raises:
-            ValueError: if it does not fit those components.
+        Raises ValueError if it does not fit those components.
         """
 
 
@@ -101,12 +96,7 @@ class GapsLayer(ABC):
 
     @abstractmethod
     def missed(self, rng: np.random.Generator, blocks: np.ndarray) -> np.ndarray:
-        """Mask (N,) of the players missed.
-
-        Args:
-            rng: the layer's random stream.
-            blocks: (N, d) observations with noise; NaN for players already missed.
-        """
+        """Mask (N,) of players missed in blocks (N, d) with noise, NaN where already missed."""
 
 
 @dataclass(frozen=True)
@@ -131,13 +121,7 @@ Layer: TypeAlias = View | NoiseLayer | GapsLayer
 
 @dataclass(frozen=True)
 class Stack:
-    """The layers of a sensor, sorted by kind.
-
-    Attributes:
-        view: all views as one.
-        noise: the noise layer, None for independent noise.
-        gaps: the gaps layers, in order.
-    """
+    """The layers of a sensor by kind: views as one, noise (None if independent), gaps in order."""
 
     view: View
     noise: NoiseLayer | None
@@ -163,12 +147,9 @@ class Stack:
 
 @dataclass(frozen=True)
 class SensorModel:
-    """What an estimator may know of a sensor.
+    """What an estimator may know of a sensor: its view h, whether samples may be missing.
 
-    Attributes:
-        view: observation model h.
-        covariance: (d, d) C, covariance of the noise on h(x) relative to sigma^2.
-        may_miss: whether samples may be missing.
+    Covariance (d, d) is C, that of the noise on h(x) relative to sigma^2.
     """
 
     view: View
@@ -182,16 +163,11 @@ class SensorModel:
         dynamics: Components,
         noise_scale: Sequence[float] | np.ndarray,
     ) -> "SensorModel":
-        """The model of a stack of layers.
+        """The model of a stack of layers, of which only the order of views matters.
 
-        Args:
-            layers: layers of the sensor; only the order of views matters.
-            dynamics: names the components of a state.
-            noise_scale: (n,) the scenario's standard deviations, relative to sigma.
-
-        Raises:
-            ValueError: on layers that do not fit each other or the state, or a covariance that is
-                not positive definite.
+        Noise scales (n,) are the scenario's standard deviations relative to sigma. Raises
+        ValueError on layers that do not fit each other or the state, or a covariance that is not
+        positive definite.
         """
         stack = Stack.of(layers)
         observation_size(stack.view, dynamics)  # raises if a view does not fit

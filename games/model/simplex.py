@@ -23,12 +23,7 @@ def simplex_tangent(players: int, num_weights: int) -> np.ndarray:
 
 
 def theta_tangent(num_weights: int, used: np.ndarray) -> np.ndarray:
-    """Basis (N*(K+U), F) of changes of weights that keep their sums, and of all unknowns.
-
-    Args:
-        num_weights: K.
-        used: (N, U) which columns stand for an unknown (``Parameters.used``).
-    """
+    """Basis (N*(K+U), F) of changes of weights that keep sums, and of used unknowns (N, U)."""
     return _theta_tangent(num_weights, used.shape, used.tobytes())
 
 

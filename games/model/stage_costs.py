@@ -1,8 +1,4 @@
-"""Numerical costs of the players in one step of a game.
-
-Worlds need them step by step; ``games.solve.kkt.KktSystem.cost_function`` is their sum over an
-episode.
-"""
+"""Numerical costs of the players in one step of a game, for worlds that go step by step."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace

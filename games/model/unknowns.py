@@ -112,12 +112,9 @@ def at_means(thing: Any) -> Any:
 
 @dataclass(frozen=True)
 class Parameters:
-    """The unknowns of a whole game as an array (N, U), its columns in the order of each player.
+    """The unknowns of each player of a game as an array (N, U), its columns in each player's order.
 
     A player that has fewer unknowns than another has columns that stand for nothing.
-
-    Attributes:
-        unknowns: of each player.
     """
 
     unknowns: tuple[tuple[Unknown, ...], ...]

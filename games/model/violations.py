@@ -15,11 +15,8 @@ def violations(
 ) -> np.ndarray:
     """Violation of each constraint (constraints,), at least 0, in the unit of its margin.
 
-    Args:
-        game: the game.
-        step: number of the step, 0 for the initial state's.
-        states: (N, n) states of that step.
-        played: states and controls (N, m) of the step before it, whose controls are judged, too.
+    States (N, n) are those of a step, 0 for the initial state's; ``played`` are states and controls
+    (N, m) of the step before it, whose controls are judged, too.
     """
     found = np.zeros(len(game.constraints))
     for k, constraint in enumerate(game.constraints):

@@ -48,7 +48,7 @@ class WeightPrior:
         return f"WeightPrior({self.components!r}, shares={self.shares!r})"
 
     def check(self, num_weights: int) -> None:
-        """Refuse a prior of another number of weights; ValueError naming both numbers."""
+        """Refuse a prior of another number of weights by a ValueError that names both numbers."""
         for one in self.components:
             if isinstance(one, tuple) and len(one) != num_weights:
                 raise ValueError(
@@ -63,16 +63,15 @@ class WeightPrior:
     def log_density(self, shares: np.ndarray) -> np.ndarray:
         """Log density (...) of shares (..., K) in log-ratios, the simplex's own chart.
 
-        Its Jacobian is prod_k s_k, so the density of a component is proportional to
-        prod_k s_k^alpha_k.
+        Its Jacobian is prod_k s_k: a component's density is proportional to prod_k s_k^alpha_k.
         """
         return np.asarray(logsumexp(self._terms(shares), axis=-1))
 
     def effective(self, shares: np.ndarray) -> np.ndarray:
         """(..., K) parameters of the Dirichlet distribution that touches the density from below.
 
-        At shares (..., K) it has the same value and slope, up to a constant, and elsewhere it is
-        below the mixture: mean parameters, each component by its probability given the shares.
+        At shares (..., K) it has the same value and slope, up to a constant: mean parameters, each
+        component by its probability given the shares.
         """
         terms = self._terms(shares)
         given = np.exp(terms - logsumexp(terms, axis=-1, keepdims=True))
@@ -92,12 +91,11 @@ class WeightPrior:
         return np.asarray(mean * total)
 
     def excluded(self, weights: np.ndarray, floor: float) -> tuple[int, int] | None:
-        """Player and weight of weights (N, K) that are farther out than the prior reaches.
+        """Player and weight of weights (N, K) that are farther out than the prior reaches; or None.
 
-        A single weight of a Dirichlet distribution has a Beta distribution. Samples never reach a
-        tail below ``LEAST_MASS`` in all components. A weight below the floor counts as twice the
-        floor. None if there is none, as where all parameters of a component are 1 or less: its
-        density is nowhere zero.
+        A single weight of a Dirichlet distribution has a Beta distribution, whose tails below
+        ``LEAST_MASS`` samples never reach. A weight below the floor counts as twice the floor.
+        Where all parameters of a component are 1 or less, its density is nowhere zero.
         """
         count = weights.shape[1]
         if self.parameters(count).max(axis=1).min() <= 1:

@@ -84,12 +84,11 @@ def solve_batch(
     limit: float = 60.0,
     solver: Elimination | None = None,
 ) -> Batch:
-    """Solve a game at many weights and initial states, from one known equilibrium.
+    """Solve a game at many weights (B, N, K), or (B, N, K + U) with unknowns, from one equilibrium.
 
     Args:
         game: the game.
-        weights: (B, N, K), non-negative; rows are scaled to sum one. Standardised values of the
-            game's unknowns stand behind them: (B, N, K + U).
+        weights: non-negative, scaled to row sums of one; standardised values of unknowns behind.
         start: the equilibrium to start from.
         start_weights: those of ``start``, (N, K) or (N, K + U).
         initial_states: (B, N, n) or (N, n); those of ``start`` where absent.
@@ -98,8 +97,7 @@ def solve_batch(
         limit: wall-clock seconds for the batch; games unsolved by then have not converged.
         solver: the game's elimination, with a relaxation of its own; built if None.
 
-    Raises:
-        ValueError: on a wrong shape, non-finite or negative values, or a singular start.
+    Raises ValueError on a wrong shape, non-finite or negative values, or a singular start.
     """
     weights, start_weights = _check_weights(game, weights), game.check_theta(start_weights)
     initial_states = _check_initial_states(start.states[0], initial_states, len(weights))
@@ -178,9 +176,8 @@ class _Search:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Points (B, T, size), residuals (B,) and factorisations (B,).
 
-        All games start from the first-order prediction. Games that fail start again from the
-        nearest solved one. The game half-way between is solved as well, as a nearer start for the
-        next round.
+        All games start from the first-order prediction; those that fail, from the nearest solved
+        one, and the game half-way between is solved as well, as a nearer start for the next round.
         """
         self.states = initial_states.shape[1]
         changes = np.hstack([initial_states - self.point[0, : self.states], weights - self.weights])

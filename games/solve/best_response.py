@@ -36,19 +36,10 @@ def best_responses(
 ) -> Responses:
     """Minimise the player's cost over its own trajectory, from several first plans.
 
-    Args:
-        game: the game.
-        player: index i.
-        plans: (B, T-1, m) controls of this player to start from.
-        states: (T, N, n); the others' parts are held, the first row is the initial state.
-        controls: (T-1, N, m).
-        weights: (N, K).
-        tolerance: stop where Newton's step promises less than this share of 1 + |J^i|.
-        max_iterations: Newton steps for each plan at most.
-
-    Raises:
-        ValueError: on an array of the wrong shape, or if the game has constraints
-            (``games.solve.constrained_response`` honours them).
+    Plans are (B, T-1, m); the others' parts of states (T, N, n), whose first row is the initial
+    state, and controls (T-1, N, m) are held; weights are (N, K). Newton's method stops where its
+    step promises less than ``tolerance`` of 1 + |J^i|. Raises ValueError on a wrong shape, or if
+    the game has constraints (``games.solve.constrained_response`` honours them).
     """
     refuse_constraints(game.constraints, "best_responses")
     z = rows(game, states, controls, np.zeros_like(states[1:]))
@@ -77,14 +68,12 @@ def iterated_best_response(
         initial_state: (N, n).
         controls: (T-1, N, m) first plans.
         max_rounds: rounds through all players.
-        max_iterations: total iterations of the players' optimisers,
-            after which no round starts.
+        max_iterations: total iterations of the players' optimisers, after which no round starts.
         damping: share of the step towards its response that a player takes.
         tolerance: stop when no response differs by more from the player's plan in one round.
         first: the player that responds before the others.
 
-    Returns:
-        The last plans; the residual is infinity, as IBR does not evaluate G.
+    Returns the last plans; the residual is infinity, as IBR does not evaluate G.
     """
     states = rollout(game.dynamics, initial_state, controls, game.dt)
     z = elimination(game).respond_in_turn(
@@ -102,16 +91,11 @@ def iterated_best_response(
 def grown_plans(
     game: Game, start: np.ndarray, weights: np.ndarray, first: np.ndarray | None = None
 ) -> np.ndarray:
-    """Plans (T-1, N, m) of players whose weights couple them to nobody.
+    """Plans (T-1, N, m) of players whose weights (N, K) couple them to nobody; no constraints.
 
-    The horizon grows by a few steps at a time, so that a plan never has to find its way round a
-    bend at once.
-
-    Args:
-        game: the game, without constraints.
-        start: (N, n) x_1.
-        weights: (N, K), those of features that look at other players zero.
-        first: (S, N, m) controls of the first steps to begin with; zeros if None.
+    The horizon grows from x_1 (N, n) by a few steps at a time, so that a plan never has to find its
+    way round a bend at once. It begins with the controls (S, N, m) of the first steps; zeros if
+    None.
     """
     if first is None:
         first = np.zeros((min(LEAST, game.horizon - 1), *game.control_shape[1:]))

@@ -90,17 +90,11 @@ def solve_constrained(
 def as_root(
     game: Game, solution: InteriorSolution, weights: np.ndarray, solver: Elimination | None = None
 ) -> tuple[Root, np.ndarray]:
-    """A solution of the interior point method as a root of ``games.compiled.complementarity``.
+    """A solution of the interior point method as a root, and its multipliers (T, C).
 
-    Args:
-        game: the game.
-        solution: the solution.
-        weights: (N, K), or (N, K + U) where the game has unknowns.
-        solver: the game's elimination, with a relaxation of its own; built if None.
-
-    Returns:
-        The root, and the multipliers (T, C) that belong to it. Its residual is that of the interior
-        point method if Newton's method does not reach a root.
+    Weights are (N, K), or (N, K + U) where the game has unknowns. The residual is that of the
+    interior point method if Newton's method does not reach a root
+    (``games.compiled.complementarity``).
     """
     solver = solver or elimination(game)
     states, controls, costates = unpack(game, solution.z)
@@ -243,10 +237,9 @@ def _attempted(
 
 
 def _starts(game: Game, solver: Elimination, plans: np.ndarray) -> list[np.ndarray]:
-    """The plans (T, size); if two of them nearly coincide, each of the two players ahead once.
+    """The plans (T, size); if two nearly coincide, each of the two players ahead once.
 
-    Two plans nearly coincide where a shared margin is nearly what it is at one and the same
-    position.
+    Two do where a shared margin is nearly what it is at one and the same position.
     """
     n, shared = game.dynamics.state_size, {}
     for place, constraint in zip(solver.stages.constraints, game.constraints, strict=True):
@@ -349,13 +342,9 @@ def most_broken(game: Game, margins: np.ndarray) -> str | None:
 def certify_constrained(
     game: Game, root: Root | Equilibrium, weights: np.ndarray, *, tolerance: float
 ) -> Certificate:
-    """Check by constrained best responses that no player gains by deviating alone.
+    """Check by constrained best responses that no player gains by deviating alone; weights (N, K).
 
-    Args:
-        game: the game.
-        root: the point to check.
-        weights: (N, K).
-        tolerance: allowed gain relative to 1 + |J^i|.
+    A gain up to ``tolerance``, relative to 1 + |J^i|, is allowed.
     """
     solver = interior_elimination(game)
     z = rows(game, root.states, root.controls, root.costates)

@@ -39,8 +39,7 @@ def follow_coupling(
     """Find a root of G by continuation in the coupling between players; None if the path is lost.
 
     The caller judges its residual. Weights may be (N, K + U); ``limit`` [s] holds for any one
-    strength of the coupling. ValueError if the game has constraints (``games.solve.constrained``
-    starts elsewhere).
+    strength of the coupling. ValueError if the game has constraints (``games.solve.constrained``).
     """
     refuse_constraints(game.constraints, "continuation in the coupling")
     states = rollout(game.dynamics, initial_state, controls, game.dt)

@@ -89,10 +89,7 @@ def first_plans(
 
 
 def control_units(game: Game, states: np.ndarray, controls: np.ndarray, player: int) -> np.ndarray:
-    """(m,) how much of a control, held all the time, moves a player by the length of its path.
-
-    To first order, at its path; 0 for a control that moves nothing.
-    """
+    """(m,) how much of a held control moves a player by its path's length; 0 if it moves none."""
     first, plan = states[0, [player]], controls[:, [player]]
     path = states[:, player, :2]
     length = np.linalg.norm(np.diff(path, axis=0), axis=1).sum()

@@ -83,17 +83,11 @@ def solve_feedback(
     initial_controls: np.ndarray | None = None,
     max_iterations: int = 100,
 ) -> FeedbackEquilibrium:
-    """Find a feedback Nash equilibrium; ``converged`` says whether one was found.
+    """Find a feedback Nash equilibrium of a game; ``converged`` says whether one was found.
 
-    Args:
-        game: the game, without constraints.
-        weights: (N, K), non-negative, scaled to row sums of one.
-        initial_state: (N, n).
-        initial_controls: (T-1, N, m) of the first motion; those of the open-loop game if None.
-        max_iterations: LQ games at most.
-
-    Raises:
-        ValueError: on arguments of a wrong shape, or a game with constraints or unknowns.
+    Weights (N, K) are scaled to row sums of one; x_1 is (N, n), the first motion's controls (T-1,
+    N, m), those of the open-loop game if None. Raises ValueError on arguments of a wrong shape, or
+    a game with constraints or unknowns.
     """
     refuse_constraints(game.constraints, "a feedback equilibrium")
     if game.parameters.count:
@@ -117,21 +111,11 @@ def certify_feedback(
     spread: float = 0.2,
     seed: int = 0,
 ) -> np.ndarray:
-    """What each player gains by another strategy nearby, while the others keep theirs.
+    """What each player gains by another strategy nearby, relative to 1 + |J^i| (N,): about zero.
 
-    A player's best linear strategy is sought from ``starts`` plans next to its own, where each
-    control is off by a normal number of standard deviation ``spread``.
-
-    Args:
-        game: the game.
-        found: what to check.
-        weights: (N, K).
-        starts: number of plans.
-        spread: in the controls' units.
-        seed: of the plans.
-
-    Returns:
-        (N,) the largest gain, relative to 1 + |J^i|; about zero at an equilibrium.
+    While the others keep theirs, a player's best linear strategy at weights (N, K) is sought from
+    ``starts`` plans next to its own, where each control is off by a normal number of standard
+    deviation ``spread``, in the controls' units.
     """
     theta, rng = game.check_weights(weights), np.random.default_rng(seed)
     steps, count, m = game.control_shape

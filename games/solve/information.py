@@ -39,16 +39,8 @@ def trajectory_sensitivity(
 ) -> np.ndarray:
     """d(states)/d(theta, x_1) at an equilibrium, (T*N*n, N*K + N*n), all in C order.
 
-    Args:
-        game: the game.
-        states: (T, N, n) of the equilibrium.
-        controls: (T-1, N, m).
-        costates: (T-1, N, n).
-        weights: (N, K).
-        solver: the game's elimination; built if None.
-
-    Raises:
-        ValueError: if G_z is singular; the equilibrium is then not a function of (theta, x_1).
+    States are (T, N, n), controls (T-1, N, m), costates (T-1, N, n), weights (N, K). Raises
+    ValueError if G_z is singular; the equilibrium is then not a function of (theta, x_1).
     """
     solver = linearised(game, states, controls, costates, weights, solver)
     columns = solver.sensitivities()[:, : states[0].size].reshape(states.size, -1)
@@ -130,21 +122,17 @@ def joint_weight_covariance(
     unobserved: np.ndarray | None = None,
     prior_scale: float = 0.0,
 ) -> np.ndarray | None:
-    """Cramer-Rao bound of weights that several trajectories share, for unit noise.
-
-    Each trajectory has its own unknown initial state. Where the game has unknowns, their
-    standardised values stand behind the weights of each player: (N*(K+U), N*(K+U)).
+    """Cramer-Rao bound of weights (N*K, N*K) of several trajectories, for unit noise.
 
     Args:
-        game: the game.
-        sensitivities: ``observation_sensitivity`` of each trajectory, without the rows of missing
-            samples (``of_seen``).
+        game: the game; standardised values of unknowns stand behind weights: (N*(K+U), N*(K+U)).
+        sensitivities: ``observation_sensitivity`` of each, with its own start, for seen samples
+            only.
         unobserved: (N, U) which unknowns are left out, as they do not show.
         prior_scale: standard deviation of the noise, if the priors of the game's unknowns count;
             the result is then the inverse of the information of both, not a bound.
 
-    Returns:
-        (N*K, N*K), or None if not identifiable.
+    Returns None if not identifiable.
     """
     tangent = theta_tangent(game.num_weights, game.parameters.used)
     if unobserved is not None:
@@ -160,9 +148,7 @@ def joint_weight_covariance(
 def inverse_on_tangent(information: np.ndarray, tangent: np.ndarray) -> np.ndarray | None:
     """Covariance of theta, whose changes a tangent (theta, F) spans; None if not identifiable.
 
-    Args:
-        information: of these changes, which come first, and of what else is unknown.
-        tangent: (theta, F).
+    The information is of these changes, which come first, and of what else is unknown.
     """
     # The matrix is symmetric: its eigenvalues give condition and inverse at once.
     values, vectors = np.linalg.eigh(information)
@@ -180,14 +166,10 @@ def in_theta(game: Game, parameters: np.ndarray) -> np.ndarray:
 def unobserved_unknowns(
     game: Game, sensitivities: Sequence[np.ndarray], *, sigma: float
 ) -> np.ndarray:
-    """Which unknowns (N, U) the trajectories tell nothing about at a noise level.
+    """Which unknowns (N, U) the trajectories tell nothing about at a noise level above 0.
 
-    They leave nearly all of the variance of its prior (``UNOBSERVED_ABOVE``).
-
-    Args:
-        game: the game.
-        sensitivities: as for ``joint_weight_covariance``.
-        sigma: noise level, above 0.
+    They leave nearly all of the variance of its prior (``UNOBSERVED_ABOVE``). Sensitivities are
+    those of ``joint_weight_covariance``.
     """
     if not game.parameters.count:
         return game.parameters.used
@@ -198,12 +180,7 @@ def unobserved_unknowns(
 def deviations_of(game: Game, covariance: np.ndarray | None) -> np.ndarray | None:
     """Standard deviations (N, U) of a game's unknowns in their units, NaN where there is none.
 
-    Args:
-        game: the game.
-        covariance: (N*(K+U), N*(K+U)) of theta, or None.
-
-    Returns:
-        None if there is no covariance, or if the game has no unknowns.
+    None without a covariance (N*(K+U), N*(K+U)) of theta, or if the game has no unknowns.
     """
     if covariance is None or not game.parameters.count:
         return None
@@ -223,25 +200,19 @@ def of_weights(game: Game, covariance: np.ndarray | None) -> np.ndarray | None:
 def identifiability(
     game: Game, sensitivities: Sequence[np.ndarray], *, sigma: float
 ) -> Identifiability:
-    """Which weights the trajectories identify at a noise level; the information may be singular.
+    """Which weights the trajectories identify at a noise level above 0.
 
-    All other weights, the game's unknowns and the initial state of each trajectory are unknown,
-    too.
-
-    Args:
-        game: the game, with its unknowns.
-        sensitivities: as for ``joint_weight_covariance``.
-        sigma: noise level, above 0.
+    The information may be singular. All other weights, unknowns and each trajectory's initial state
+    are unknown, too. Sensitivities are those of ``joint_weight_covariance``.
     """
     root = information_root(game, sensitivities)
     return identified_at(root, game.num_weights, game.parameters.used, sigma=sigma)
 
 
 def information_root(game: Game, sensitivities: Sequence[np.ndarray]) -> np.ndarray:
-    """A root (F, F) of the information on the tangent of theta, each start being unknown.
+    """R (F, F), upper triangular: R'R is the information on the tangent of theta for unit noise.
 
-    It is upper triangular, for unit noise: R'R is the information. The arguments are those of
-    ``identifiability``.
+    Each start is unknown. The arguments are those of ``identifiability``.
     """
     tangent = theta_tangent(game.num_weights, game.parameters.used)
     observed, free = _on_tangent(tangent, sensitivities), tangent.shape[1]
@@ -253,14 +224,10 @@ def information_root(game: Game, sensitivities: Sequence[np.ndarray]) -> np.ndar
 
 
 def cosine_error_limit(covariance: np.ndarray, weights: np.ndarray) -> float:
-    """Expected cosine error (eqn. cosine_metric) of an efficient estimator.
+    """Expected cosine error (eqn. cosine_metric) of an efficient estimator, covariance (N*K, N*K).
 
-    To second order ``E[1 - cos] = mean_i tr(P_i C_i) / (2 |theta_i|^2)`` with P_i the projection
-    orthogonal to theta_i.
-
-    Args:
-        covariance: (N*K, N*K) of the weights.
-        weights: (N, K) true weights.
+    To second order ``E[1 - cos] = mean_i tr(P_i C_i) / (2 |theta_i|^2)`` at true weights (N, K)
+    with P_i the projection orthogonal to theta_i.
     """
     count = weights.shape[1]
     errors = []

@@ -79,9 +79,8 @@ def solve_interior(
 ) -> InteriorSolution:
     """Iterate from a trajectory z (T, size), whose x_1 stays.
 
-    ``coupled``: some player's cost looks at other players; ``tau``: the barrier's first weight, in
-    units of cost; ``relaxed``: smallest first slack, as a share of the mean size of the margin
-    along z.
+    ``coupled``: some player's cost looks at others; ``tau``: the barrier's first weight, in units
+    of cost; ``relaxed``: smallest first slack, as a share of the margin's mean size along z.
     """
     stages, horizon, library = solver.stages, solver.horizon, solver.library
     z = dense("z", z, (horizon, stages.size)).copy()

@@ -26,10 +26,7 @@ from olne_bench.games.solve.newton import pack
 
 @dataclass(frozen=True)
 class KktSystem:
-    """Symbols and expressions of one game's first-order conditions.
-
-    All symbols are flat, in the C order of the arrays that they represent.
-    """
+    """Symbols and expressions of one game's first-order conditions, flat in the arrays' C order."""
 
     game: Game  # the game
     states: ca.SX  # symbol of x (T, N, n), the initial state included
@@ -71,10 +68,7 @@ class KktSystem:
 
 @lru_cache(maxsize=64)
 def kkt_system(game: Game) -> KktSystem:
-    """Build (or fetch) the first-order conditions of a game without constraints.
-
-    ValueError if it has some; ``games.compiled.elimination`` has the conditions of those.
-    """
+    """Build (or fetch) the first-order conditions of a game; ValueError if it has constraints."""
     refuse_constraints(game.constraints, "the stacked system G")
     states, state_blocks = trajectory_symbols("x", game.state_shape)
     controls, control_blocks = trajectory_symbols("u", game.control_shape)

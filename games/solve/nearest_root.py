@@ -48,20 +48,11 @@ def predict(
     *,
     max_iterations: int = PUBLISHED_ITERATIONS,
 ) -> Prediction:
-    """Find the root of G at the given weights nearest to the true one.
+    """Find the root of G nearest to the true motion at weights (N, K), or (N, K + U) with unknowns.
 
-    Args:
-        game: the game.
-        weights: (N, K), or (N, K + U) with standardised unknowns.
-        truth: the true motion, a root at the true weights.
-        true_weights: those of the truth.
-        max_iterations: limit on IPOPT's iterations; 0 for no published solve.
-
-    Returns:
-        The root of the published solve, or else that of ``follow_root``. The published study has
-        no constraints, and no unknowns besides weights. With them, or without the published
-        solve, it is always the latter, and counts as published where the path from the true
-        weights leads to it.
+    That of the published solve, limited to ``max_iterations`` of IPOPT, or else that of
+    ``follow_root``. With constraints, unknowns or 0 iterations it is always the latter, and counts
+    as published where the path from the true weights leads to it.
     """
     if game.constraints or game.parameters.count or not max_iterations:
         root = follow_weights(game, truth, true_weights, weights)
@@ -84,18 +75,9 @@ def nearest_root(
     *,
     max_iterations: int = PUBLISHED_ITERATIONS,
 ) -> Root | None:
-    """One solve for the root of G nearest to a reference trajectory, starting there.
+    """One solve by IPOPT for the root of G nearest to a motion, from there; None if it fails.
 
-    Args:
-        game: the game.
-        weights: (N, K).
-        states: (T, N, n) reference, its first row the initial state; also the start.
-        controls: (T-1, N, m) start.
-        costates: (T-1, N, n) start.
-        max_iterations: limit on IPOPT's iterations.
-
-    Returns:
-        The root, or None if IPOPT does not converge.
+    Weights are (N, K), states (T, N, n), controls (T-1, N, m), costates (T-1, N, n).
     """
     solver = _root_solver(game, max_iterations)
     start = np.concatenate([states[1:].ravel(), controls.ravel(), costates.ravel()])

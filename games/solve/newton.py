@@ -34,10 +34,10 @@ def newton_root(
     max_iterations: int = 50,
     limit: float = 60.0,
 ) -> Root:
-    """Refine a trajectory to a root of G by Newton steps with backtracking on |G|_2.
+    """Refine a trajectory, but its first state, to a root of G by Newton steps with backtracking.
 
-    The first row of the states is x_1 and stays fixed. Stops after ``limit`` seconds of wall-clock
-    time. Returns the best point reached; the caller judges its ``residual``.
+    It stops after ``limit`` seconds of wall-clock time with the best point; callers judge its
+    residual.
     """
     points = pack(game, states, controls, costates, weights)[None]
     residuals, _ = elimination(game).newton(
@@ -123,10 +123,7 @@ def linearised(
     weights: np.ndarray,
     solver: Elimination | None = None,
 ) -> Elimination:
-    """The game's elimination, factorised at a point; ``solver`` is used if it is given.
-
-    ValueError if the first-order conditions are singular there.
-    """
+    """The game's elimination, given or built, factorised at a point; ValueError if singular."""
     solver = solver or elimination(game)
     z = pack(game, states, controls, costates, weights, solver)
     if not solver.linearise(z, np.asarray(weights, dtype=float).ravel()):

@@ -64,20 +64,17 @@ def solve_olne(
         weights: (N, K), non-negative, scaled to row sums of one.
         initial_state: (N, n).
         initial_controls: (T-1, N, m) start of the iteration; zeros (coasting) if None.
-        certificate_tolerance: largest gain that a player may have from deviating alone,
-            relative to 1 + |J^i|.
+        certificate_tolerance: largest gain by deviating alone, relative to 1 + |J^i|.
         max_rounds: rounds of best responses per attempt.
         search_far: also look for better responses far away, and follow them; not with constraints.
 
     Returns:
         The first locally certified equilibrium among the attempts (continuation, plain IBR, damped
         IBR), or the last attempt with ``certificate.passed`` False. With ``search_far``, the first
-        one found without a better response far away. If each has one, it is the first, and its
-        certificate has the gains. A game without a solution does not raise.
+        without a better response far away, or else the first, its certificate with the gains.
 
     Raises:
-        ValueError: on arguments of a wrong shape or non-finite values, or a start that breaks
-            constraints.
+        ValueError: on a wrong shape, non-finite values, or a start that breaks constraints.
     """
     weights = game.check_weights(weights)
     initial_state = game.check_initial_state(initial_state)
@@ -115,15 +112,10 @@ def certify(
     tolerance: float = CERTIFICATE_TOLERANCE,
     search_far: bool = False,
 ) -> Certificate:
-    """Check by best responses that no player gains by deviating alone.
+    """Check by best responses at weights (N, K) that no player gains by deviating alone.
 
-    Args:
-        game: the game.
-        root: the point to check.
-        weights: (N, K).
-        tolerance: allowed gain relative to 1 + |J^i|.
-        search_far: also look for better responses far from the point, if none is near; not where
-            the game has constraints.
+    A gain up to ``tolerance``, relative to 1 + |J^i|, is allowed. With ``search_far``, better
+    responses far away are looked for, if none is near; not where the game has constraints.
     """
     if game.constraints:
         return certify_constrained(game, root, weights, tolerance=tolerance)

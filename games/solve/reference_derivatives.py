@@ -49,11 +49,7 @@ class Linearisation:
 
 
 class CarDerivatives:
-    """Evaluates motion, gradients and Hessians of many cars.
-
-    P partners are cars whose motion is known as a function of their controls, M others further
-    points to keep away from.
-    """
+    """Derivatives of many cars' motion and costs; P partners of known motion, M other points."""
 
     def __init__(
         self,

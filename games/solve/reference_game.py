@@ -388,11 +388,7 @@ def _step_cost(
 
 
 def _proximity(game: ReferenceGame, state: ca.SX, point: ca.SX) -> ca.SX:
-    """Cost of one nearby point; zero for an unused entry.
-
-    Unused entries need this mask: even a far point would turn the car, because distances are in
-    units of length along the car's heading and of width across it.
-    """
+    """Cost of one nearby point; zero, by a mask, for an unused entry, which would turn the car."""
     stage = Stage(0, (state, point), None, game.dynamics, game.dt)
     cost = CarProximity(game.units.length, game.units.width).running_cost(stage)
     return ca.if_else(point[0] < FAR_AWAY / 2, cost, 0.0)

@@ -1,8 +1,4 @@
-"""A game's root at other weights, followed from a known root.
-
-This is far cheaper than the search for the root nearest to a trajectory
-(``games.solve.nearest_root``).
-"""
+"""A game's root at other weights, followed from a known one: far cheaper than ``nearest_root``."""
 
 import numpy as np
 
@@ -48,10 +44,7 @@ def follow_weights(
 def from_independent_players(
     game: Game, initial_state: np.ndarray, controls: np.ndarray, weights: np.ndarray
 ) -> Root | None:
-    """Other parts of ``follow_root``: the root by continuation in the coupling, or None.
-
-    With constraints, the interior point method takes the place of the continuation.
-    """
+    """``follow_root`` without it: continuation or, under constraints, the interior point method."""
     if game.constraints:
         try:
             solution = variational_solution(game, weights, initial_state, controls)
