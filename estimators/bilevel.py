@@ -2,26 +2,19 @@
 
     min_{theta, x_1}  sum_t |y_t - h(x_t(theta, x_1))|^2            (eqn. inverse_problem)
 
-where x(theta, x_1) is the equilibrium, a root of G(z; theta, x_1) = 0
-(eqn. forward_kkt_conditions). The outer problem is a least-squares problem on the simplex of the
-weights. Its Jacobian is exact: by the implicit function theorem
+where x(theta, x_1) is the equilibrium, a root of G(z; theta, x_1) = 0 (eqn.
+forward_kkt_conditions). By the implicit function theorem the Jacobian is exact, one sweep of the
+factorisation of G_z (``games.compiled.elimination``, E7):
 
     dz/d(theta, x_1) = -G_z^-1 G_(theta, x_1),
 
-one sweep of the structured factorisation of G_z (``games.compiled.elimination``, E7). Gauss-Newton
-steps in a trust region come from ``scipy.optimize.least_squares``; a step to a point without an
-equilibrium is rejected like one that does not decrease the error. This is the bilevel scheme of
-single-player inverse optimal control (Mombaur et al. 2010; Albrecht et al. 2011) with derivatives
-in place of a derivative-free search; the paper mentions it for games only in its derivative-free
-form.
+Gauss-Newton steps in a trust region come from ``scipy.optimize.least_squares``; a step to a point
+without an equilibrium is rejected like one that does not decrease the error. All iterates are
+equilibria, which those of ``kkt_constrained`` are not; the optimum is the same.
 
-With ``prior``, unknowns of the game pay for their distance to the means of their priors: the sum of
-their squared standardised values times sigma^2 is added. The optimum is then the most probable
-point (maximum a posteriori). Games with many unknowns that the motion hardly shows, such as the
-parameters of a network, need it.
-
-The optimum is that of ``kkt_constrained``, which has no prior. Here all iterates are equilibria;
-there they are not.
+With ``prior``, unknowns of the game pay sigma^2 times their squared standardised values, so the
+optimum is the most probable point. Games with many unknowns that the motion hardly shows, such as
+the parameters of a network, need it.
 
 Paper: Mombaur et al. 2010 and Albrecht et al. 2011, for one player and without derivatives.
 Assumes: an equilibrium of the known game, and independent Gaussian noise of known relative size.
@@ -198,8 +191,8 @@ def _at_one_theta(
 ) -> tuple[SolvedGame, ...]:
     """A game of each trajectory, all with the theta of the first one's game.
 
-    Where a game of some trajectory (``others``) cannot be followed to it, the mean and then the
-    means of the priors are tried; ``firsts`` if nothing is found.
+    Where a game of some trajectory cannot be followed to it, from ``firsts`` or from ``others``,
+    the mean and then the means of the priors are tried; ``firsts`` if nothing is found.
     """
     if len(firsts) == 1:
         return firsts

@@ -3,21 +3,18 @@
     min_{theta, x, u, lambda}  sum_t |y_t - h(x_t)|^2
     s.t.  G(x, u, lambda; theta) = 0,  sum theta^i = 1,  theta^i >= floor.
 
-Residuals count in units of their noise scale. States (x_1 included), controls, costates and
-weights are all unknown. Weights start uniform, which is feasible, and costates at zero. The
-problem is not convex: the five-player highway has optima with similar objectives but very different
-weights. So it is solved from several starts (``joint_starts``) and the lowest objective wins.
+Residuals count in units of their noise scale. States (x_1 included), controls, costates and weights
+are unknown, and several trajectories share one theta. The problem is not convex (the five-player
+highway has optima with similar objectives but very different weights), so it is solved from several
+starts (``joint_starts``) and the lowest objective wins.
 
-Hard constraints of the game are equations of G: multipliers are estimated along with the states,
-and complementarity is relaxed to 1e-9 (``games.compiled.complementarity``).
+Hard constraints are equations of G, their complementarity relaxed to 1e-9
+(``games.compiled.complementarity``). The covariance of the weights is the inverse Fisher
+information at the estimate (``games.solve.information``).
 
-Several trajectories share one theta. The covariance of the weights is the
-inverse of the Fisher information at the estimate (``games.solve.information``).
-
-IPOPT, the reference, takes three starts: the observations, the pre-solve (eqn. pre_solve), which is
-the paper's own start, and the solution of the tied problem. It is also used if no start of the
-structured solver converges: that solver inverts G_z, which is singular if the optimum lies at a
-fold of the game's roots.
+IPOPT, the reference, starts at the observations, at the pre-solve (eqn. pre_solve), which is the
+paper's own start, and at the solution of the tied problem. It is also used if no start of the
+structured solver converges: that inverts G_z, which is singular at folds of the game's roots.
 
 Paper: Peters, Fridovich-Keil, Rubies-Royo, Tomlin, Stachniss, RSS 2021.
 Assumes: an equilibrium of the known game, and independent Gaussian noise of known relative size.

@@ -1,42 +1,34 @@
 """The maximum-entropy residual method (Inga, Bischoff, Koepf, Hohmann 2019), open-loop Nash.
 
-Like the KKT-residual baseline, it assumes that a pre-filtered trajectory was played (Peters et al.
-2021, eqn. pre_solve) and measures its distance from an equilibrium. Here each player chooses its
-controls at random, those of lower cost more likely, while those of the others are fixed:
+Like ``kkt_residual``, it assumes that a pre-filtered trajectory was played (Peters et al. 2021,
+eqn. pre_solve). Each player chooses its controls at random, those of lower cost more likely, while
+those of the others are fixed:
 
     (X1)  p(u^i | u^-i, x_1; theta^i) = exp(-J^i(u^i)) / integral of exp(-J^i(v)) dv
 
-With the integral in Laplace's approximation around the trajectory (Levine and Koltun 2012, whose
-method the paper extends to several players),
+With Laplace's approximation of the integral (Levine and Koltun 2012), gradient g (n,) and Hessian H
+of J^i by u^i along the dynamics,
 
     (X2)  log p = -1/2 g' H^-1 g + 1/2 log det H - n/2 log 2 pi,
 
-where g and H are gradient and Hessian of J^i by u^i (n,) along the dynamics, states being a
-function of controls. J^i is linear in theta^i, so g = sum theta_k g_k and H = sum theta_k H_k, and
-(X2) is concave where H is positive definite: the matrix-fractional function is convex, the
-log-determinant concave. With the stage functions' Lagrangian L_k = J_k + lambda_k' F for each
-preference alone, x's sensitivity Z = dx/du and z = (x, u),
+which is concave in theta^i where H is positive definite, as g = sum theta_k g_k and H = sum theta_k
+H_k. With the Lagrangian L_k = J_k + lambda_k' F of each preference alone, x's sensitivity Z = dx/du
+and z = (x, u),
 
     (X3)  F_x' lambda_k = -grad_x J_k,  g_k = grad_u L_k,  H_k = [Z; I]' L_k,zz [Z; I].
 
-The scale of theta^i is an inverse temperature. It is estimated together with the direction, as in
-the paper: theta^i is normalised only after (X2) has been maximised,
+The scale of theta^i is an inverse temperature, estimated together with the direction, as in the
+paper; theta^i is normalised only afterwards. Terms of several trajectories are summed:
 
-    (X4)  max_theta  -1/2 g' H^-1 g + 1/2 log det H    s.t.  theta_k >= floor sum theta,
+    (X4)  max_theta  -1/2 g' H^-1 g + 1/2 log det H    s.t.  theta_k >= floor sum theta.
 
-a convex problem with K unknowns for each player, so that its solution is the global one. The terms
-of several trajectories are summed.
+Without noise, g is zero at the truth and (X4) is unbounded along its ray: the search ends when the
+derivative in the scale c, -n / 2c, is small. With noise, the pre-filter's error is taken for the
+players' randomness, and the log-determinant favours weights that make H large.
 
-Without noise, g is zero at the truth and (X4) is unbounded along its ray: the temperature goes to
-zero and the truth is found to numerical precision. The search ends when the derivative in the scale
-c, -n / 2c, is small. At a fixed temperature the log-determinant would bias the result even then.
-With noise, the pre-filter's error is taken for the players' randomness and the log-determinant
-favours weights that make H large, so the result is biased, as is that of the residual method.
-
-Only without noise is H the Hessian at an optimum. If it is not positive definite at any of the
-weights tried as starts, the player's cost gets a further term mu |u - u~|^2 / 2 per unit of weight,
-which does not change g (Levine and Koltun's dummy feature), with the least mu that suffices;
-``extras["regularisation"]`` holds mu. It is zero if the method's assumptions hold.
+If H is not positive definite at any weights tried as starts, the player's cost gets a further term
+mu |u - u~|^2 / 2 per unit of weight, which does not change g (Levine and Koltun's dummy feature),
+with the least mu that suffices; ``extras["regularisation"]`` holds mu.
 
 Paper: Inga, Bischoff, Koepf, Hohmann 2019, after Levine and Koltun 2012.
 Assumes: that the filtered trajectory was played, and that its deviations are the players' choice.

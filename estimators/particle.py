@@ -1,20 +1,16 @@
 """A particle filter over weights (Peters 2020), as sequential Monte Carlo on static parameters.
 
-From the paper ("Accommodating intention uncertainty in general-sum games for human-robot
-interaction"): a player's weights are represented by a set of weighted hypotheses. Each hypothesis
-has its own game. Measurements arrive one by one and reweigh the hypotheses by how well their games
-predicted them.
+In the paper ("Accommodating intention uncertainty in general-sum games for human-robot
+interaction"), weighted hypotheses of a player's weights, each with its own game, are reweighed by
+how well their games predict measurements that arrive one by one. Here:
 
-Where this departs from the paper, and why:
-
-- The paper re-plans a game at every step from a state that it knows. Here one open-loop
-  equilibrium is observed from an unknown initial state, so that a particle is a point
-  s = (z, x_1) of coordinates in which the prior is standard normal, and an initial state.
+- one open-loop equilibrium is observed from an unknown initial state, so a particle is a point
+  s = (z, x_1) of coordinates in which the prior is standard normal, and an initial state; the paper
+  re-plans a game at every step from a state that it knows.
 - s is constant, so particles only lose diversity by resampling, and moving them by Markov chains
   took tens of thousands of games. New particles are drawn instead, where the measurements so far
-  put them, and all particles are weighed as draws from the mixture of all proposals (adaptive
-  multiple importance sampling: Cornuet et al. 2012). A particle's game predicts all measurements,
-  so that old particles cost nothing when the next one arrives.
+  put them, and all are weighed as draws from the mixture of all proposals (adaptive multiple
+  importance sampling: Cornuet et al. 2012). A particle's game predicts all measurements.
 
 With errors e_t(s) = (y_t - h(x_t(s))) / sigma of the samples that were seen, and particles s_k that
 were drawn M at a time from proposals q_1 to q_J:
@@ -27,18 +23,16 @@ were drawn M at a time from proposals q_1 to q_J:
           then    the moments of the particles, tempered so that enough of them count, mixed with
                   Laplace's approximation the more, the fewer they are for their dimension
 
-J_r = de_r/ds is exact, by the implicit function theorem, and m is found by damped Gauss-Newton
-steps from the last one, from a particle, or from the most probable game so far, which the joint
-problem finds (``estimators.shared.past_posterior``): whichever is the most probable. The first
-particles are drawn after the first quarter of the samples. No particle depends on later samples.
+J_r = de_r/ds is exact, and m is found by damped Gauss-Newton steps from the most probable of the
+last one, a particle, and the most probable game so far, which the joint problem finds
+(``estimators.shared.past_posterior``). The first particles are drawn after the first quarter of the
+samples. No particle depends on later samples.
 
-Proposals have tails of Student's t; those of the last draws are kept, older ones forgotten. The
-weights (P2) come from exact games, so that a poor proposal costs effective sample size but no bias.
-
-A point whose game has no equilibrium that can be followed from the mean's has a density of zero.
-The effective sample size after each measurement is reported, and the covariance of the weights is
-wider by what so few samples leave open (``widening``). Between several trajectories, the
-belief about the weights is passed on as a Gaussian.
+Proposals have tails of Student's t; those of the last draws are kept, older ones forgotten. A point
+whose game has no equilibrium that can be followed from the mean's has a density of zero. The
+effective sample size after each measurement is reported, and the covariance of the weights is wider
+by what so few samples leave open (``widening``). Between several trajectories, the belief about the
+weights is passed on as a Gaussian.
 
 Paper: Peters 2020; proposals and weights after Cornuet et al. 2012.
 Assumes: the prior, and a known noise level.

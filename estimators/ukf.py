@@ -1,21 +1,16 @@
 """An unscented Kalman filter over weights (LUCIDGames, Le Cleac'h et al. 2021).
 
-From the paper: the unknown weights are the state of a Kalman filter; the unscented transform needs
-no derivatives, as each sigma point only needs its forward game; measurements arrive one by one,
-and the weights are available after each of them.
+In the paper, the unknown weights are the state of a Kalman filter; each sigma point only needs its
+forward game, and the weights are available after each measurement. Here:
 
-Where this departs from the paper, and why:
-
-- The paper re-plans a game at every step from a state that it knows. Here one open-loop
-  equilibrium is observed from an unknown initial state, so the filter's state is
-  augmented by x_1 and the measurement at time t is h(x_t(theta, x_1)) of one game over the whole
-  horizon.
-- Weights live on a simplex, so the filter sees coordinates z of weights and unknowns in which
-  the problem's prior is standard normal (``estimators.shared.charts``).
-- The filter begins at the most probable game given the first quarter of the samples
+- one open-loop equilibrium is observed from an unknown initial state, so the state holds x_1 too,
+  and the measurement at time t is h(x_t(theta, x_1)) of one game over the whole horizon; the paper
+  re-plans a game at every step from a state that it knows.
+- weights are seen in coordinates z in which the problem's prior is standard normal
+  (``estimators.shared.charts``).
+- the filter begins at the most probable game given the first quarter of the samples
   (``estimators.shared.past_posterior``), and returns to the most probable game so far when it is
-  lost. One that follows games from uniform weights on does not reach the equilibria of five
-  players: those near uniform weights end at folds on the way.
+  lost: equilibria near uniform weights end at folds on the way to those of five players.
 
 With the state s = (z, x_1), constant in time (Wan and van der Merwe 2000; numbers ours):
 
@@ -28,32 +23,28 @@ With the state s = (z, x_1), constant in time (Wan and van der Merwe 2000; numbe
     (U6)  new sigma points only where (U3) does not hold any more
     (U7)  m = argmax pi_t,  P = (P_0^-1 + sum_{r<=t} J_r' J_r)^-1,  where the filter is lost
 
-(U3) and (U4) are the unscented update: with the gain P_sz (P_zz + R)^-1 written out, both are the
-same (statistical linear regression: Lefebvre, Bruyninckx and De Schutter 2002).
+(U3) and (U4) are the unscented update with the gain P_sz (P_zz + R)^-1 written out (statistical
+linear regression: Lefebvre, Bruyninckx and De Schutter 2002). The others are ours:
 
-(U5) is ours, after Hanebeck's progressive filtering: a measurement much more precise than the
-prediction is used in shares, because one large step would fail in such a nonlinear game. In a
-linear problem the shares add up to the plain update.
+(U5), after Hanebeck's progressive filtering: a measurement much more precise than the prediction is
+used in shares, because one large step would fail in such a nonlinear game. In a linear problem the
+shares add up to the plain update.
 
-(U6) is ours as well: a game predicts all measurements, so one set of sigma points serves several
-of them, and several shares. The game at the new mean is played after every update, and replaces the
-prediction there. The slopes A_r serve on while that game agrees with them to within the noise, and
-either no variance of P has fallen far or the rest O_r is small beside the noise. A linear problem
-needs one set.
+(U6): a game predicts all measurements, so one set of sigma points serves several of them, and
+several shares. The game at the new mean is played after every update, and replaces the prediction
+there. The slopes A_r serve on while that game agrees with them to within the noise, and either no
+variance of P has fallen far or the rest O_r is small beside the noise.
 
-(U7) is ours too: pi_t is the posterior given the samples up to t, P_0 the prior's covariance, and
-J_r the derivative of sample r over its noise. Before each belief is said, the most probable game so
-far is found by the joint problem. If it is clearly more probable than the filter's mean, or if the
-filter is lost, the belief is replaced by Laplace's approximation there. That uses the samples up to
-t once, and (U1) to (U6) take in later ones. No belief depends on samples after it.
+(U7): pi_t is the posterior given the samples up to t, P_0 the prior's covariance, and J_r the
+derivative of sample r over its noise. If the most probable game so far, found by the joint problem,
+is clearly more probable than the filter's mean, or if the filter is lost, the belief is replaced by
+Laplace's approximation there, and (U1) to (U6) take in later samples. No belief depends on samples
+after it.
 
-Mean and covariance of the weights come from those of z by quadrature.
-
-If a sigma point has no equilibrium that can be followed from
-the mean's, all of them are moved closer to the mean (a smaller alpha), which is an equally valid
-unscented transform of the same Gaussian. If an update moves the mean to a game without an
-equilibrium, a smaller share is used; if that does not help, the filter is lost. The estimate says
-so if noise does not explain what the last game leaves.
+If a sigma point has no equilibrium that can be followed from the mean's, all of them are moved
+closer to the mean (a smaller alpha), an equally valid unscented transform. If an update moves the
+mean to a game without an equilibrium, a smaller share is used; if that does not help, the filter is
+lost. The estimate says so if noise does not explain what the last game leaves.
 
 Paper: LUCIDGames, Le Cleac'h et al. 2021; unscented transform of Wan and van der Merwe 2000.
 Assumes: the prior, a Gaussian belief in its coordinates, and a known noise level.

@@ -1,16 +1,10 @@
-"""Beliefs over (z, x_1): coordinates of weights and unknowns, and an initial state.
-
-In these coordinates the problem's prior of weights and unknowns is standard normal (``charts``).
+"""Beliefs over (z, x_1), coordinates of weights and unknowns (``charts``) and an initial state.
 
 ``ukf`` and ``particle`` share the belief before the first measurement and the games at points of
-the belief. One open-loop equilibrium over the whole horizon is observed from an unknown initial
-state, so a point holds both weights and initial state and is constant in time.
-
-Games are followed from a first one. It is the most probable game given the first samples
-(``past_posterior``), and the belief about the weights before that comes from the prior alone.
+the belief. One open-loop equilibrium over the whole horizon is observed, so a point is constant in
+time. Games are followed from the most probable one given the first samples (``past_posterior``).
 Filters that peek start from ``first_game`` instead, which all observations determine, and whose
-weights are the centre of their prior: data count twice, and their weights after early measurements
-depend on later ones.
+weights are the centre of their prior: data count twice.
 """
 
 import time

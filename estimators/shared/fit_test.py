@@ -1,12 +1,11 @@
 """Whether noise explains what an estimate leaves of the observations: one test for all methods.
 
 Residuals are those of the posterior's peak (B1) near the estimate (``posterior_density``), so that
-the test is of the model and the noise, not of how well a method searches. Over their noise scale
-and sigma they have, if model and noise are as told, the covariance I - A with
-A = J (J'J + P)^-1 J'. J is the derivative of the expected samples over their noise, in coordinates
-of weights and unknowns whose prior is standard normal and in initial states; P is the precision of
-what is known before. So fitted parameters are subtracted, as far as the data tell them. Three
-statistics, of each player and over all:
+the test is of the model and the noise, not of the search. Over their noise scale and sigma they
+have, if both are as told, the covariance I - A with A = J (J'J + P)^-1 J'. J is the derivative of
+the expected samples over their noise, in coordinates of weights and unknowns whose prior is
+standard normal and in initial states; P is the precision of what is known before. Three statistics,
+of each player and over all:
 
 - the sum of squares: a model that does not fit, or a noise level that is too small or too large;
 - the sum of products of consecutive samples over that of squares: errors that follow each other;

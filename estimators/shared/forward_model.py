@@ -1,11 +1,9 @@
 """The forward game as a function of weights and initial state, for methods that solve it often.
 
-Equilibria are followed from a known root of the first-order conditions: its neighbours in
-(theta, x_1) are predicted to first order and refined by Newton's method
-(``games.solve.batch.solve_batch``). The first roots are sought near the observations, so that
-players pass each other on the observed sides. The most reliable one is a solution of the joint
-problem (``kkt_constrained``) with weights tied to uniform, because its initial state is fitted as
-well. Roots from an initial state read off noisy observations often have another topology.
+Equilibria are followed from a known root of the first-order conditions (``games.solve.batch``). The
+first roots are sought near the observations, so that players pass each other on the observed sides.
+The most reliable one is a solution of the joint problem (``kkt_constrained``) with weights tied to
+uniform, whose initial state is fitted as well.
 """
 
 from collections.abc import Iterator

@@ -1,12 +1,9 @@
 """Estimates while a motion goes on: one sample after the other, and past samples only.
 
-A stream has seen the samples up to now, and each further one yields an estimate. So it cannot know
-what comes later. An estimator makes a stream of a problem by its method ``start``; one that has
-only ``estimate`` becomes one by ``Windows``, which estimates from all samples so far, the others
-missing.
+An estimator makes a stream of a problem by its method ``start``; one that has only ``estimate``
+becomes one by ``Windows``, which estimates from all samples so far, the others missing.
 
-With a lag, only the latest samples count. Open-loop equilibria are consistent in time: the rest of
-a motion is the equilibrium of the game that is left, from the state where it begins. So a window
+With a lag, only the latest samples count. Open-loop equilibria are consistent in time, so a window
 is the beginning of a shorter game of the same weights, whose x_1 is the state at the oldest sample
 that counts. Players that plan again all the time (``Problem.goes_on``) always look as far ahead, so
 there the game is as long as ever, and there are samples without end.

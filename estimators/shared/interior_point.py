@@ -6,24 +6,20 @@
 Where the game has hard constraints, z holds their multipliers and G their complementarity, relaxed
 to 1e-9 (``games.compiled.complementarity``).
 
-The method is that of IPOPT (Waechter and Biegler 2006; ``interior_point.c`` names its equations): a
-monotone barrier on the bounds, exact second derivatives, inertia correction and a filter line
-search with second-order corrections. A prior of the weights is a barrier that does not go to zero
-(``JointSettings.barrier``). What differs is the linear algebra. G_z is square, so a step splits
-into a part that restores G = 0 at fixed w = (x_1, theta) and a part along G = 0,
+The method is that of IPOPT (Waechter and Biegler 2006; ``interior_point.c`` implements it and names
+its equations), with other linear algebra. A prior of the weights is a barrier that does not go to
+zero (``JointSettings.barrier``). G_z is square, so a step splits into a part that restores G = 0 at
+fixed w = (x_1, theta) and a part along G = 0,
 
     dz = -G_z^-1 G + Z dw,      Z' H Z dw = -Z' (grad f - H G_z^-1 G) - barrier terms,
 
 where Z and the products with G_z^-1 come from one sweep over time (``games.compiled.elimination``).
-Only a system of the size of w, N n + N (K - 1), is dense. It is positive definite exactly where the
-full system has the inertia of a minimum. The sums of weights hold at the start and are kept, as
-weights move on the tangent. If the line search fails, restoration is Newton's method on G = 0 at
-fixed w.
+Only a system of the size of w, N n + N (K - 1), is dense; it is positive definite exactly where the
+full system has the inertia of a minimum. Weights move on the tangent, so their sums are kept. If
+the line search fails, restoration is Newton's method on G = 0 at fixed w.
 
 Several motions, which may be of games of different structure and length, share weights: G and f are
 sums over motions, w holds the initial state of each, and their sweeps stay apart.
-
-``interior_point.c`` implements all of it; this module checks the arguments.
 """
 
 import ctypes

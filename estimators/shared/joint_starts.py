@@ -3,23 +3,20 @@
 The first two starts need no other problem to be solved:
 
 1. the observations, slightly smoothed, with the controls that lead from one to the next, at uniform
-   weights and under a barrier that keeps them there at first. Raw noise as a start leads the first
-   iterations astray;
-2. the observations smoothed more, at weights near a corner of the simplex: as far from the first as
-   a start can be. In partial views it finds optima that no start at uniform weights does.
+   weights and under a barrier that keeps them there at first;
+2. the observations smoothed more, at weights near a corner of the simplex. In partial views it
+   finds optima that no start at uniform weights does.
 
-An optimum whose squared error is larger than any noise of the known level can leave explains
-nothing: it is no answer while others are left to find. If no optimum was found twice, or two that
-differ explain the observations, up to four more starts are tried: the observations with zero
-controls; the same with a high barrier, which first centres the weights; and the solution of the
-problem with weights tied to uniform by a quadratic term, which is then dropped at once or in two
-steps. While nothing explains the observations, starts at weights spread over the simplex follow.
+An optimum whose squared error is larger than any noise of the known level can leave is no answer
+while others are left to find. If no optimum was found twice, or two that differ explain the
+observations, up to four more starts are tried: the observations with zero controls; the same with a
+high barrier, which first centres the weights; and the solution of the problem with weights tied to
+uniform, the tie then dropped at once or in two steps. While nothing explains the observations,
+starts at weights spread over the simplex follow.
 
-Where most of a motion is still to come, starts begin with motions of ``window_starts`` instead
-of the observations, and the first one is the game that is followed from sample to sample.
-
-Several motions that share weights start together: with the first two starts of each, and then with
-the optimum of each by itself.
+Where most of a motion is still to come, starts begin with motions of ``window_starts``, and the
+first one is the game that is followed from sample to sample. Several motions that share weights
+start together: with the first two starts of each, and then with the optimum of each by itself.
 """
 
 import time

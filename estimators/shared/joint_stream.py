@@ -1,16 +1,10 @@
 """The joint method as a stream: each solve begins at the solution of the one before.
 
-A new sample changes the optimum little, so that a few iterations suffice. The methods of
 ``kkt_constrained`` and ``map`` start from scratch where there is no last solution, and where the
 solve from it does not converge or leaves an error that noise of the known level does not explain.
-
-A motion whose last solution lets players pass each other in another order than they will is found
-out as its error grows. So where the error is larger than noise leaves once in twenty times, a solve
-that begins at the samples is tried as well.
-
-Where players change their plans, or are not at an equilibrium at all, no solution explains the
-samples, and whole searches would be in vain each time. So what the last search left is not searched
-for again, unless the error has become clearly larger.
+Where the error is larger than noise leaves once in twenty times, players may pass each other in
+another order, so a solve that begins at the samples is tried as well. What the last search left
+unexplained is not searched for again, unless the error has become clearly larger.
 """
 
 import time

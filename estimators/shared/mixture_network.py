@@ -1,14 +1,13 @@
 """A network that turns an observation into mixtures of Gaussians, in NumPy.
 
-It tells the weights of all players in one pass, or those of one player after the other. In the
-second case each player takes its turn as the first one, so that all players' draws train the same
-numbers; their weights are then independent given the observation.
+It tells the weights of all players in one pass, or those of one player after the other, each as the
+first one, so that all players' draws train the same numbers and weights are independent.
 
-The input is an observation of known length: each sample in units of its spread over training
-draws, zero where it is missing; which samples of which player are seen; which components; the
-logarithm of the noise level; and whose turn it is, where there are several. Layers with SiLU in
-between lead to the mixture's logits, means and triangles P, where P' P is a component's precision.
-``scripts/train_learned.py`` trains it.
+The input is an observation of known length: each sample in units of its spread over training draws,
+zero where it is missing; which samples of which player are seen; which components; the logarithm of
+the noise level; and whose turn it is, where there are several. Layers with SiLU in between lead to
+the mixture's logits, means and triangles P, where P' P is a component's precision
+(``scripts/train_learned.py``).
 """
 
 from dataclasses import dataclass

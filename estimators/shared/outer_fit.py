@@ -1,10 +1,8 @@
 """Fits in weights, unknowns and initial states through the forward game, by Gauss-Newton steps.
 
-``bilevel`` fits all of these. The profile likelihood of weights is the least squared error with
-some weights held; initial states, the game's unknowns and the other weights are fitted. Twice the
-difference of log-likelihoods, at weights that are held and at the maximum, has a chi-squared
-distribution where they are true (Wilks 1938). The likelihood of weights is bent near the simplex's
-boundary, so this region keeps its level where an ellipsoid does not.
+``bilevel`` fits all of these. The profile likelihood is the least squared error with some weights
+held. Twice the difference of log-likelihoods, there and at the maximum, has a chi-squared
+distribution where the held weights are true (Wilks 1938), also near the simplex's boundary.
 """
 
 import time

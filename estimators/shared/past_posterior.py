@@ -1,11 +1,9 @@
 """What the samples so far say: the posterior after each of them, and its peak.
 
-``ukf`` and ``particle`` know the samples up to t only. Where their beliefs begin, and where they
-have lost the equilibria that explain these samples, they look at the most probable game so far. It
-is a solution of the joint problem with a prior (``map``), of the samples up to t, and the next one
-begins at it (``joint_stream``). So it is not reached by following equilibria, which end at folds:
-the joint problem's iterates need not be equilibria. A few Gauss-Newton steps lead from there to the
-peak of the filter's own posterior.
+``ukf`` and ``particle`` begin at the most probable game given the samples up to t, and return to it
+when lost. It is a solution of the joint problem with a prior (``map``), each followed from the last
+(``joint_stream``), whose iterates need not be equilibria, which end at folds. A few Gauss-Newton
+steps lead from there to the peak of the filter's own posterior.
 """
 
 import time

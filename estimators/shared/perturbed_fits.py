@@ -1,17 +1,13 @@
 """Independent points near a density pi(x) = exp(-|F(x)|^2 / 2): fits of perturbed errors.
 
 Bardsley, Solonen, Haario and Laine (2014), "Randomize-then-optimize". With the derivative J = QR of
-F at a peak, a point solves
+F at a peak, a point solves (P1) by Newton's method, and has the density (P2) if it is unique:
 
-    (P1)  Q' F(x) = xi,    xi ~ N(0, I),
-
-by Newton's method. Where a solution is unique, its density is known,
-
+    (P1)  Q' F(x) = xi,    xi ~ N(0, I)
     (P2)  log q(x) = log |det Q' J(x)| - |Q' F(x)|^2 / 2.
 
-If F is linear, q is pi. If not, points follow its bends, which no Gaussian does. Points at which
-the determinant has another sign than at the peak belong to another solution of (P1) and do not
-count.
+If F is linear, q is pi. Points at which the determinant has another sign than at the peak belong to
+another solution of (P1) and do not count.
 
 Any place serves as a peak, and q is the mixture of all. What fits from one do not reach has a large
 weight w = pi / q once a point is near it: while few points carry the weight, the next fits start at

@@ -1,15 +1,11 @@
 """The posterior (B1) of ``posterior`` as a density of errors, with games followed from each other.
 
-A density pi(x) = exp(-|F(x)|^2 / 2) is known at many points together with the derivative of F,
-which holds all errors over their standard deviations, those of the prior as well.
-
-A point is (z, x_1): coordinates of weights and unknowns in which their prior is standard normal
+A density pi(x) = exp(-|F(x)|^2 / 2) is known at many points together with the derivative of F. A
+point is (z, x_1): coordinates of weights and unknowns in which their prior is standard normal
 (``charts``), and the initial state. Its errors are those of the expected samples over sigma, and z.
-A game starts from the one at the place before, and is found by Newton's method. So points stay on
-the branch of equilibria from which they come.
+A game starts from the one at the place before, so points stay on its branch of equilibria.
 
-Players that the first sample misses have a prior of their initial states. A flat one does not do:
-where accelerating costs little, a player gets from nearly anywhere to its first sample. So the
+Players that the first sample misses have a prior of their initial states; under a flat one the
 posterior has a long tail of starts at hundreds of metres per second, or no integral at all. In one
 step, the fastest player moves w on average. A player that is first seen k steps late is k w / 2
 away from where its samples say that it began (standard deviation); its speed is off by half of the
@@ -17,9 +13,9 @@ fastest player's, and its heading by half a radian. Of 237 players seen late on 
 the root mean square of the errors is 0.05 to 1.0 of these, the largest is 3.1 (``python
 scripts/unseen_starts.py``).
 
-Where the view hides headings, a flat prior of the first ones leaves a long, bent valley: a player
-that begins in another direction can steer back at once. It is normal around the direction of the
-lane, where a player keeps one (0.1 rad), or else around that of its first samples.
+Where the view hides headings, a flat prior of the first ones leaves a long, bent valley. It is
+normal around the direction of the lane, where a player keeps one (0.1 rad), or else around that of
+its first samples.
 """
 
 import time
@@ -93,7 +89,7 @@ class Density(Protocol):
 
 
 def climbed(density: Density, place: Places, most: int, free: slice = slice(None)) -> Places:
-    """The most probable point near a place, or as many Gauss-Newton steps to it, in ``free``."""
+    """The most probable point near a place, or what at most so many Gauss-Newton steps reach."""
     for _ in range(most):
         step, share = np.zeros(place.points.shape[1]), 1.0
         errors, rows = place.errors[0], place.rows[0][:, free]

@@ -1,11 +1,8 @@
 """Turns any noise into white noise, the first step of an estimator.
 
-With W C W' = 1, the problem of observing h(x) with noise of covariance sigma^2 C is the problem of
-observing W h(x), as W y, with independent noise of standard deviation sigma. Estimators handle only
-independent noise. If the components are independent already, estimators use their noise scales.
-
-With correlated noise, a player's sample counts as missing if any of its components is missing, as
-the remaining ones have another covariance.
+With W C W' = 1, observing h(x) with noise of covariance sigma^2 C is observing W h(x), as W y, with
+independent noise of standard deviation sigma. A player's sample then counts as missing if any of
+its components is, as the others have another covariance. Independent components keep their scales.
 """
 
 from collections.abc import Sequence

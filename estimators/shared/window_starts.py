@@ -1,18 +1,16 @@
 """Starts where most of a motion is still to come.
 
-A window shows the first samples of a motion only. What methods read off samples
-(``trajectory_fit.guess_states``) goes straight on after them, off any road that bends, and no game
-is found near it. Four other motions begin at the samples:
+What methods read off samples (``trajectory_fit.guess_states``) goes straight on after them, off any
+road that bends, and no game is found near it. Four other motions begin at the samples:
 
 1. the free drive: each player's best plan alone, at uniform weights and from the first state that
    the samples show. A plan for the samples comes first, then the horizon grows by a few steps at a
-   time, so that a plan never has to find its way round a bend at once. A second plan begins at
-   coasting, as goals may count at the end of the horizon only; the cheaper one is taken;
+   time, so that it finds its way round bends. A second plan begins at coasting, as goals may count
+   at the end of the horizon only; the cheaper one is taken;
 2. the game at uniform weights that iterated best response finds from the free drive;
 3. the samples, and from the last of them on the free drive;
 4. the game that explains the first two samples best with weights tied to uniform, then more and
-   more samples. Each solution is the next one's start, so that the motion never has to leap to
-   another way of passing each other.
+   more samples, each solution the next one's start, so that the motion never has to leap.
 """
 
 import time

@@ -1,8 +1,7 @@
-"""The boundary to C: the types of its functions, and the checks of what is passed to them.
+"""The boundary to C: types of its functions, and checks of what is passed to them.
 
-No array crosses it unchecked: callers bring arguments to aligned, dense float64 and compare their
-shapes (``dense``); ``numpy.ctypeslib.ndpointer`` then holds the C signatures to it. The size of
-every struct that is mirrored here is compared with that of C.
+Callers bring arrays to aligned, dense float64 and compare shapes (``dense``); ``ndpointer`` holds
+the C signatures to it. The size of every struct that is mirrored here is compared with that of C.
 """
 
 import ctypes

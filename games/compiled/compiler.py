@@ -1,20 +1,17 @@
 """Compiles C source to libraries and keeps them in a folder that only their owner can write to.
 
-A library's file name holds two digests: one of source, flags and compiler, and one of its bytes. A
-library that does not match its name or cannot be trusted (``olne_bench.kept_files``) is not loaded
-but compiled again.
+A library's file name holds two digests: one of source, flags and compiler, and one of its bytes.
+One that does not match its name or cannot be trusted (``olne_bench.kept_files``) is compiled again.
 
-Code is compiled for one of two kinds of processor, not for the present one (no ``-march=native``):
-for x86-64 with AVX2 and FMA, which almost all have since 2013, and else for the generic
-architecture. So the same source and compiler give the same machine code on all machines of a kind,
-and ``backend`` names the kind. The compiler may reorder sums (``-fassociative-math``); their order
-is then part of the machine code. Functions of the C library such as ``sin`` may still differ in the
-last digits between processor families, as in NumPy.
+Code is compiled for one of two kinds of processor, which ``backend`` names, not for the present
+one: x86-64 with AVX2 and FMA, which almost all have since 2013, or the generic architecture. So the
+same source and compiler give the same machine code on all machines of a kind. The compiler may
+reorder sums (``-fassociative-math``). Functions of the C library such as ``sin`` may still differ
+in the last digits between processor families, as in NumPy.
 
-Environment: ``CC`` names the compiler, ``OLNE_BENCH_CFLAGS`` further flags, ``OLNE_BENCH_CACHE``
-the folder (default ``$XDG_CACHE_HOME/olne-bench``, then ``~/.cache/olne-bench``). Without ``CC``
-the compiler is ``cc``; where there is none, the clang of the package ``ziglang`` (extra
-``compiler``).
+Environment: ``CC`` names the compiler (``cc``, or else the clang of the package ``ziglang``, extra
+``compiler``), ``OLNE_BENCH_CFLAGS`` further flags, ``OLNE_BENCH_CACHE`` the folder (default
+``$XDG_CACHE_HOME/olne-bench``, then ``~/.cache/olne-bench``).
 """
 
 import ctypes

@@ -1,20 +1,18 @@
 """Hard constraints as equations: relaxed complementarity, stage by stage.
 
-Methods that look for roots of the first-order conditions need equations. With margins g >= 0 and
-multipliers v >= 0, g v = 0 becomes g v = tau for a small tau, and that together with the signs one
-smooth equation (Fischer, Burmeister; smoothed by Kanzow 1996):
+With margins g >= 0 and multipliers v >= 0, g v = 0 becomes g v = tau for a small tau, and that
+together with the signs one smooth equation (Fischer, Burmeister; smoothed by Kanzow 1996):
 
     (C1)  phi(g, v) = g + v - sqrt(g^2 + v^2 + 2 tau) = 0   <=>   g > 0,  v > 0,  g v = tau.
 
 Multipliers are unknowns of a stage as controls are, and the rows phi follow those of the controls.
-A margin that depends on the states alone is taken after the step, at f(x_t, u_t), so that the last
-state needs no stage of its own:
+A margin that depends on the states alone is taken after the step, so that the last state needs no
+stage of its own:
 
     (C2)  h_t = g(x_t, u_t)  where g depends on the control,  g(f(x_t, u_t))  elsewhere,
           L_t^i <- L_t^i - v' h_t   for all players that the constraint looks at.
 
-The costates lambda_t then leave out J' v of the constraints at x_{t+1}; states and controls are the
-same.
+The costates lambda_t then leave out J' v of the constraints at x_{t+1}.
 """
 
 from dataclasses import dataclass

@@ -1,11 +1,8 @@
 """The cost of one player at one stage as a sum of terms, each a function of few players.
 
-A feature that looks at its own player only belongs to the term of that player. A feature that looks
-at others is, as a rule, a sum over them. It belongs to one term for each pair of players, and all
-pairs share the functions of one. A feature that is no such sum, or that asks which number a player
-has, makes a term of everybody.
-
-So the functions that are derived and compiled do not grow with the number of players.
+A feature that looks at its own player only belongs to that player's term. One that is a sum over
+others belongs to a term for each pair, and all pairs share the functions of one. Any other feature
+makes a term of everybody. So what is derived and compiled does not grow with the players.
 """
 
 from collections.abc import Sequence

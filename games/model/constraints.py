@@ -1,14 +1,12 @@
 """Hard constraints as data.
 
 A constraint says that its margins, a CasADi expression of one step, stay at zero or above. A
-private constraint looks at one player; a shared one looks at several, and all of them have to keep
-it. To add one, write a frozen dataclass with the fields and the method of ``Constraint``; nothing
-has to be registered.
+private one looks at one player; all players that a shared one looks at have to keep it. To add one,
+write a frozen dataclass with the fields and the method of ``Constraint``.
 
-As in features, solvers put symbols in the place of numbers (``games.model.numbers``): ``margins``
-calculates with them, by CasADi, and does not decide by them. Any number may be an ``Unknown``
-(``games.model.unknowns``). It belongs to the constraint: those that hold unknowns of one name share
-it.
+Solvers put symbols in the place of numbers (``games.model.numbers``), so ``margins`` calculates
+with them, by CasADi, and does not decide by them. Any number may be an ``Unknown``
+(``games.model.unknowns``), which all constraints that hold one of its name share.
 """
 
 from collections.abc import Hashable, Sequence

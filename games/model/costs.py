@@ -1,12 +1,10 @@
 """Cost features as data.
 
-A feature is one basis function of a player's cost (Peters et al. 2021, eqn. runexp-cost). It is a
-frozen dataclass that holds its parameters and gives its cost as a CasADi
-expression, for a running stage (t < T) and for the final state (t = T). To add a feature, write a
-dataclass with these two methods; nothing has to be registered.
-
-Solvers put symbols in the place of the numbers that a feature holds (``games.model.numbers``). So
-its methods calculate with them, by CasADi, and do not decide by them.
+A feature is one basis function of a player's cost (Peters et al. 2021, eqn. runexp-cost): a frozen
+dataclass that gives its cost as a CasADi expression, for a running stage (t < T) and for the final
+state (t = T). To add one, write a dataclass with these two methods. Solvers put symbols in the
+place of its numbers (``games.model.numbers``), so methods calculate with them and do not decide by
+them.
 """
 
 from collections.abc import Hashable

@@ -1,12 +1,10 @@
 """Lanes as curves that CasADi differentiates, and the feature that keeps a car on them.
 
 A lane gives local coordinates of a position: the distance along its centre line, the distance to it
-(positive to the left of the driving direction in a left-handed frame such as HighwayEnv's, whose
-y axis points down), and the heading of the lane. A route is a chain of lanes; its cost passes
-smoothly from one to the next, because equilibria need second derivatives everywhere.
-
-Solvers see every route as a table of numbers (``RouteTable``): draws of a road, whose routes differ
-in kinds and numbers of lanes, then share one solver.
+(positive to the left of the driving direction in a left-handed frame such as HighwayEnv's, whose y
+axis points down), and the heading of the lane. A route is a chain of lanes, whose cost passes
+smoothly from one to the next. Solvers see it as a table of numbers (``RouteTable``): draws of a
+road, whose routes differ in kinds and numbers of lanes, then share one solver.
 """
 
 import math

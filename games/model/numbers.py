@@ -1,14 +1,14 @@
 """Structure and numbers of a game apart, so that games of one structure share their solvers.
 
-The structure says which features a player has and how they are written down. The functions that
-are derived from it take the numbers (targets, lanes, scales, dt) as arguments, and those of a view
-(the place of a sensor) too. Every ``float`` in a field of a frozen dataclass is a number, however
-deep, and so is every whole number in a field that is not annotated as ``int``. All else belongs to
-the structure, and so does everything in a feature that is no dataclass.
+The structure says which features a player has and how they are written down. Functions that are
+derived from it take the numbers (targets, lanes, scales, dt) as arguments. Every ``float`` in a
+field of a frozen dataclass is a number, however deep, and so is every whole number in a field that
+is not annotated as ``int``. All else, and everything in a feature that is no dataclass, is
+structure.
 
-A formula may decide by a number (``if self.target > 0``), or bring it to a ``float``. Then it
-raises with a symbol in its place, or means something else. Such a feature keeps its numbers: they
-belong to the structure, and each value has a solver of its own.
+A formula that decides by a number (``if self.target > 0``), or brings it to a ``float``, raises
+with a symbol in its place, or means something else. Such a feature keeps its numbers in the
+structure, and each value has a solver of its own.
 """
 
 from collections.abc import Callable, Sequence

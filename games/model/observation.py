@@ -1,11 +1,9 @@
 """Observation models h (eqn. awgn_observation): what a sensor is expected to see of one state.
 
 A view is data plus one CasADi expression, so estimators differentiate the same function that
-generates the observations. The noise that sensors add is not part of it (``games.model.sensor``).
-
-Angles are not wrapped, neither in y = h(x) + noise nor in y - h(x). A heading is a state and
-continues beyond pi. A bearing is an arctangent and jumps behind the sensor, so sensors must face
-the scene.
+generates the observations; noise is not part of it (``games.model.sensor``). Angles are not
+wrapped, neither in y = h(x) + noise nor in y - h(x): a heading continues beyond pi, and a bearing
+jumps behind the sensor, so sensors must face the scene.
 """
 
 from abc import ABC, abstractmethod

@@ -1,13 +1,12 @@
 """Sensors as stacks of layers, and what an estimator may know of a sensor.
 
-A layer is plain data. A view defines what is observed, a noise layer how its noise is correlated, a
-gaps layer which samples are missing. One convention holds for any order of layers in a stack:
+A view defines what is observed, a noise layer how its noise is correlated (C is diagonal without
+one), a gaps layer which samples are missing. One convention holds for any order of layers:
 
     y = h(x) + noise,  noise ~ N(0, sigma^2 C);  then gaps, whole blocks of a player, NaN.
 
-Only the order of views matters: each observes the output of the one below. Without a noise layer C
-is diagonal, with the squares of the view's noise scales. PettingZoo wrappers apply the same layers
-to worlds (``envs.worlds.wrappers.wrap``).
+Only the order of views matters: each observes the output of the one below. PettingZoo wrappers
+apply the same layers to worlds (``envs.worlds.wrappers.wrap``).
 """
 
 from abc import ABC, abstractmethod
@@ -73,11 +72,7 @@ class CorrelatedNoise(NoiseLayer):
 
 @dataclass(frozen=True)
 class CovarianceNoise(NoiseLayer):
-    """A full covariance, which replaces the scales of the view.
-
-    Attributes:
-        matrix: (d, d) relative to sigma^2, in the units of the observed components.
-    """
+    """A covariance (d, d) relative to sigma^2, in components' units, for the view's scales."""
 
     matrix: tuple[tuple[float, ...], ...]
 

@@ -1,9 +1,9 @@
 """Numbers of a game that estimators have to find: target speeds, goals, desired distances.
 
-A feature may hold an ``Unknown`` in place of any of its numbers. The game is then one of a family:
-``Game.parameters`` lists the unknowns of each player, and ``Game.known`` gives the member of the
-family in which they have certain values. Solvers treat unknowns like weights. They see a
-*standardised* parameter s, with value = mean + deviation * s, so that all of theta is of one size.
+A feature may hold an ``Unknown`` in place of any number. ``Game.parameters`` lists them, and
+``Game.known`` gives the game in which they have certain values. Solvers treat unknowns like
+weights. They see a *standardised* parameter s, with value = mean + deviation * s, so that all of
+theta is of one size.
 """
 
 import math

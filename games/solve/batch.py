@@ -1,10 +1,9 @@
 """Many forward games at once: roots of the first-order conditions near a known equilibrium.
 
-For methods that solve one game at thousands of weights or initial states. Each root is predicted to
-first order by the implicit function theorem, then refined by Newton's method. Where a game has hard
-constraints, the interior point method solves what is left: other constraints may be active there.
-The results are roots, not certified equilibria. Near a certified equilibrium they are nearly always
-equilibria as well; ``games.solve.olne.certify`` checks it.
+Each root is predicted to first order by the implicit function theorem, then refined by Newton's
+method; the interior point method solves what is left where a game has hard constraints. Roots are
+not certified, but near a certified equilibrium nearly always equilibria as well
+(``games.solve.olne.certify``).
 """
 
 import time

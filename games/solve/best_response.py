@@ -1,9 +1,7 @@
 """Best open-loop responses to the others' fixed trajectories (eqn. nash), and these in turn.
 
-Responses are Newton's method in native code. Iterated best response (IBR, Wang et al. 2019; the
-paper's ground truth) lets players respond to each other in turn until their plans no longer change.
-That leads into the basin of an equilibrium where Newton's method from other starts ends at a saddle
-point of somebody's cost.
+Iterated best response (IBR, Wang et al. 2019; the paper's ground truth) leads into the basin of an
+equilibrium where Newton's method from other starts ends at a saddle point of somebody's cost.
 """
 
 from dataclasses import replace

@@ -1,11 +1,10 @@
 """Forward games with hard constraints: variational equilibria, and their certificates.
 
-The interior point method of ``games.solve.interior`` starts from independent players. If its
-barrier has a low weight at first, players keep the side on which their own plans would pass. Where
-two plans nearly coincide, they do not say who goes first: then it starts twice, with either player
-ahead, and the solution of the lower total cost counts. If none of this leads to a solution, starts
-with a higher weight follow, at which players look for room first, and at last other plans: the root
-of the game without constraints, and coasting.
+The interior point method of ``games.solve.interior`` starts from independent players, with a low
+barrier that keeps the side on which their own plans would pass. Where two plans nearly coincide, it
+starts twice, with either player ahead, and the solution of the lower total cost counts. If none is
+found, starts with a higher weight follow, at which players look for room first, and at last other
+plans: the root of the game without constraints, and coasting.
 """
 
 from collections.abc import Iterator

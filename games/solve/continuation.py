@@ -1,9 +1,8 @@
 """Continuation from independent players to the coupled game.
 
-From a coasting trajectory, Newton's method finds a root in only a third to a half of the crossing
-games. Without the features that depend on other players, a game separates into one optimal control
-problem per player, which Newton's method solves. The weights of those features then grow to their
-full values while Newton's method follows the root.
+Coasting leads Newton's method to a root in only a third to a half of the crossing games. Without
+features that depend on other players, each player has an optimal control problem of its own. The
+weights of those features then grow to their full values while Newton's method follows the root.
 """
 
 from dataclasses import dataclass

@@ -1,8 +1,7 @@
-"""Better responses far from an equilibrium.
+"""Better responses far from an equilibrium, next to which the local certificate of ``olne`` stays.
 
-The local certificate of ``games.solve.olne`` starts next to the equilibrium, so it sees only the
-optimum there. A player's cost may have others: it passes another player on the other side, or waits
-for it. Here one player's best response is computed from first plans that are far apart:
+A player's cost may have other optima: it passes another player on the other side, or waits for it.
+One player's best response is computed from first plans that are far apart:
 
 * its response in the game without coupling between the players;
 * from that plan and from coasting, each control held at a unit or minus a unit, for the whole time
@@ -10,9 +9,7 @@ for it. Here one player's best response is computed from first plans that are fa
 * its responses to one other player moved to the left or to the right, so that it passes on the
   other side; from the plan without coupling, and from the equilibrium.
 
-The set depends on nothing but the game, so the search is deterministic.
-``scripts/certified_draws.py far`` compares it with many random first plans, and counts what each
-part of it finds.
+The search is deterministic. ``scripts/certified_draws.py far`` compares it with many random plans.
 """
 
 from collections.abc import Iterator

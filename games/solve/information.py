@@ -1,11 +1,10 @@
 """Identifiability of a game's weights: Fisher information and Cramer-Rao bound.
 
-The equilibrium trajectory is a function of (theta, x_1) through G(z; theta, x_1) = 0, so by the
-implicit function theorem dz/d(theta, x_1) = -G_z^{-1} G_(theta, x_1). With white Gaussian noise of
-standard deviation sigma on h(x), the Fisher information of (theta, x_1) is J'J / sigma^2, where J
-is the sensitivity of all expected observations; other noise is whitened first. Missing samples have
-no rows in J, so the information is that of the actual observation. Weights lie on the simplex (each
-row sums to one), so the bound is taken on its tangent space, with x_1 as a nuisance parameter.
+By the implicit function theorem for G(z; theta, x_1) = 0, dz/d(theta, x_1) = -G_z^{-1} G_(theta,
+x_1). With white Gaussian noise of standard deviation sigma on h(x), the Fisher information of
+(theta, x_1) is J'J / sigma^2, where J is the sensitivity of the samples that were seen; other noise
+is whitened first. The bound is taken on the tangent space of the simplex, with x_1 as a nuisance
+parameter.
 """
 
 from collections.abc import Sequence

@@ -1,17 +1,13 @@
 """The forward game's root nearest to a reference trajectory, the published study's prediction.
 
-The published study scores an estimate by a root of the first-order conditions at the estimated
-weights. A game may have several roots, so it takes the one nearest to the true trajectory: IPOPT
-minimises |x - x_true|^2 subject to G(x, u, lambda; theta) = 0, starting at the true trajectory with
-zero costates. An estimate counts as failed if this one solve does not converge within IPOPT's
-default limits.
-
-Whether it converges is partly chance: perturbing the true trajectory by 1e-13 changes the verdict
-on many estimates (``scripts/forward_luck.py``), although a root exists. The published verdict is
-kept (``Prediction.published``). If it is negative, the search continues along the path of roots
-from the true weights to the estimated ones, and by continuation in the coupling between players
-(``games.solve.root_following``). Equilibria far from the observed motion are not searched for, as
-they predict nothing.
+The published study scores an estimate by the root at its weights nearest to the true trajectory:
+IPOPT minimises |x - x_true|^2 subject to G(x, u, lambda; theta) = 0, starting at the true
+trajectory with zero costates. An estimate counts as failed if this does not converge within IPOPT's
+default limits, which is partly chance: perturbing the true trajectory by 1e-13 changes the verdict
+on many estimates (``scripts/forward_luck.py``). It is kept (``Prediction.published``); if it is
+negative, the search continues along the path of roots from the true weights, and by continuation in
+the coupling between players (``games.solve.root_following``). Equilibria far from the observed
+motion are not searched for, as they predict nothing.
 """
 
 from dataclasses import dataclass

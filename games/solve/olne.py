@@ -1,13 +1,11 @@
 """Forward games: find an open-loop Nash equilibrium and certify it.
 
-Roots of the stacked first-order conditions come from two sources. Continuation in the coupling
-between the players takes milliseconds but may end at a saddle point of some player's cost. If the
-certificate fails, iterated best response (IBR, Wang et al. 2019; the paper's ground truth) leads
-into the basin of a true equilibrium, and Newton's method brings the residual to machine precision.
-
-Where it is asked for, better responses are looked for far away as well
-(``games.solve.far_search``). If a player has one, it takes it, the others respond in turn, and the
-next equilibrium is examined.
+Continuation in the coupling between the players takes milliseconds but may end at a saddle point of
+some player's cost. If the certificate fails, iterated best response (IBR, Wang et al. 2019; the
+paper's ground truth) leads into the basin of a true equilibrium, and Newton's method brings the
+residual to machine precision. Where asked, better responses are looked for far away
+(``games.solve.far_search``): a player takes its own, the others respond in turn, and the next
+equilibrium is examined.
 """
 
 from collections.abc import Iterator

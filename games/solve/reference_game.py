@@ -1,10 +1,9 @@
 """A small, fast open-loop game of cars that follow reference points, for receding horizons.
 
-Everything that changes between plans (references, weights, other vehicles) is a parameter, so all
-solves share the same functions, and many games are solved at once. The states are eliminated: the
-unknowns are the controls, and Newton's method runs on the players' stacked
-gradients dJ^i/du^i = 0, which are the first-order conditions of the OLNE (Peters et al. 2021,
-eqn. forward_kkt_conditions) after elimination of states and costates.
+Everything that changes between plans (references, weights, other vehicles) is a parameter, and many
+games are solved at once by Newton's method on the players' stacked gradients dJ^i/du^i = 0, the
+first-order conditions of the OLNE (Peters et al. 2021, eqn. forward_kkt_conditions) after
+elimination of states and costates.
 """
 
 from collections.abc import Sequence
