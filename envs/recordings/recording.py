@@ -64,10 +64,9 @@ class Recording:
 def record(scenario: Scenario) -> Recording:
     """Play a scenario's equilibrium in its PettingZoo world.
 
-    Raises:
-        NoEquilibriumError: if the equilibrium is not certified or exceeds the scenario's limits, or
-            if the world does not play it exactly, as after a collision.
-        ValueError: on a scenario without ``limits``.
+    Raises NoEquilibriumError if the equilibrium is not certified or exceeds the scenario's limits,
+    or if the world does not play it exactly, as after a collision; ValueError on a scenario without
+    ``limits``.
     """
     truth = certified_equilibrium(scenario)
     world = make_world(scenario)
@@ -92,8 +91,7 @@ def record(scenario: Scenario) -> Recording:
 def recorded(scenario: Scenario, root: Root, certificate: Certificate) -> Recording:
     """The recording of an equilibrium, or of what is driven instead.
 
-    Raises:
-        NoEquilibriumError: where what is driven instead is not found.
+    Raises NoEquilibriumError where what is driven instead is not found.
     """
     own = Recording(
         scenario=scenario,
@@ -126,8 +124,7 @@ def _coasting(scenario: Scenario, states: np.ndarray) -> np.ndarray:
 def film(scenario: Scenario) -> Iterator[np.ndarray]:
     """The frames (height, width, 3) uint8 of a scenario's equilibrium, one per state.
 
-    Raises:
-        NoEquilibriumError: as ``record``.
+    Raises NoEquilibriumError as ``record``.
     """
     world = make_world(scenario, render_mode="rgb_array")
     try:

@@ -167,11 +167,7 @@ def of_recordings(
 
 
 def write_recording(path: Path, file: RecordingFile) -> None:
-    """Write a recording file, completely or not at all.
-
-    Raises:
-        UserError: if the file cannot be written.
-    """
+    """Write a recording file, completely or not at all; UserError if the file cannot be written."""
     table = pa.Table.from_pandas(_frame(file), preserve_index=False)
     metadata = {METADATA_KEY: file.metadata.model_dump_json().encode()}
     table = table.replace_schema_metadata((table.schema.metadata or {}) | metadata)
@@ -180,11 +176,7 @@ def write_recording(path: Path, file: RecordingFile) -> None:
 
 
 def read_recording(path: Path | str) -> RecordingFile:
-    """Read a recording file.
-
-    Raises:
-        RecordingFileError: if it is missing or not a recording.
-    """
+    """Read a recording file; RecordingFileError if it is missing or not a recording."""
     path = Path(path)
     if not path.is_file():
         raise RecordingFileError(f"no recording {str(path)!r}")

@@ -149,6 +149,9 @@ def driving_scenario(
 class RoadFamily(ABC):
     """A family of draws on one of HighwayEnv's roads; the base class of their scenarios.
 
+    Raises ValueError on a number of players that the road does not hold, a negative distance,
+    unknown weights, or shares that are not those of temperaments.
+
     Attributes:
         name: name of the road, and of the scenario.
         players: fewest and most players that the road holds.
@@ -161,10 +164,6 @@ class RoadFamily(ABC):
             that are uniform on the simplex; ``temperaments`` for aggressive, normal and cautious
             drivers (``envs.roads.temperaments``).
         shares: share of each temperament in the traffic; all are equal if None.
-
-    Raises:
-        ValueError: on a number of players that the road does not hold, a negative distance,
-            unknown weights, or shares that are not those of temperaments.
     """
 
     name: ClassVar[str]
@@ -188,11 +187,7 @@ class RoadFamily(ABC):
             raise ValueError(f"unknown_speeds must be true or false, got {self.unknown_speeds!r}")
 
     def draw(self, seed: int = 0) -> Scenario:
-        """The first playable proposal of a seed.
-
-        Raises:
-            NoEquilibriumError: as ``draw_playable``.
-        """
+        """The first playable proposal of a seed; NoEquilibriumError as ``draw_playable``."""
         count = self.count(seed)
         scenario = draw_playable(self.name, partial(self._weighed, seed, count), seed, count)
         return asking_for_speeds(scenario, self.speeds) if self.unknown_speeds else scenario
@@ -281,12 +276,9 @@ def draw_playable(
     """The first draw with a certified equilibrium that the simulator plays exactly.
 
     HighwayEnv looks one frame ahead for collisions and pushes cars apart. A draw is rejected if
-    this would change the plan of cars that are a little wider, because the plan would not be
-    played open-loop. The seed of each draw is derived from ``seed``, the number of players and the
-    number of the draw.
-
-    Raises:
-        NoEquilibriumError: if ``MAX_DRAWS`` draws are rejected.
+    this would change the plan of cars that are a little wider, because the plan would not be played
+    open-loop. The seed of each draw is derived from ``seed``, the number of players and the number
+    of the draw. Raises NoEquilibriumError if ``MAX_DRAWS`` draws are rejected.
     """
     for attempt in range(MAX_DRAWS):
         scenario = draw(np.random.default_rng([seed, num_players, attempt]))

@@ -30,8 +30,7 @@ LEAST_WEIGHT = 1e-5
 def checked_shares(shares: Mapping[str, float] | None) -> dict[str, float]:
     """The share of each temperament; one that is not named has none. None makes all equal.
 
-    Raises:
-        ValueError: on an unknown temperament, a share out of range, or a sum other than one.
+    Raises ValueError on an unknown temperament, a share out of range, or a sum other than one.
     """
     known = ", ".join(TEMPERAMENTS)
     if shares is None:

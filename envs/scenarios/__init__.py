@@ -44,18 +44,13 @@ def scenario_names() -> list[str]:
 def is_family(name: str, **options: object) -> bool:
     """Whether a scenario with these options is a family: each seed draws another member.
 
-    Raises:
-        PluginError: as ``check_options`` does.
+    Raises PluginError as ``check_options`` does.
     """
     return takes_seed(check_options(name, **options))
 
 
 def scenario_options(name: str) -> list[str]:
-    """Names of a scenario's own options.
-
-    Raises:
-        PluginError: as ``is_family`` does.
-    """
+    """Names of a scenario's own options; PluginError as ``is_family`` does."""
     return parameter_names(find_class(SCENARIO, name))
 
 
@@ -95,8 +90,7 @@ def get_scenario(name: str, seed: int | None = None, **options: object) -> Scena
 def check_options(name: str, **options: object) -> object:
     """The plugin, ready to draw. It checks options without a draw, which may take seconds.
 
-    Raises:
-        PluginError: on an unknown name or option, or a value that the scenario refuses.
+    Raises PluginError on an unknown name or option, or a value that the scenario refuses.
     """
     known = scenario_options(name)
     for option in options:
@@ -109,8 +103,7 @@ def check_options(name: str, **options: object) -> object:
 def checked_seed(seed: int | None) -> int:
     """The seed of a draw, 0 by default.
 
-    Raises:
-        ValueError: unless it is an integer of at least 0 and below 2**63.
+    Raises ValueError unless it is an integer of at least 0 and below 2**63.
     """
     if seed is None:
         return 0

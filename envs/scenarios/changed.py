@@ -12,20 +12,13 @@ from olne_bench.plugins import SCENARIO, is_built_in
 
 @dataclass(frozen=True)
 class Changed:
-    """A scenario with a change; estimators are told the scenario without it.
-
-    Attributes:
-        of: name of the scenario.
-        change: name of the change.
-        dial: how far it goes; 0 is the scenario itself.
-        options: options of the scenario.
-    """
+    """A scenario with a change; estimators are told the scenario without it."""
 
     name: ClassVar[str] = "changed"
-    of: str = "highway"
-    change: str = "replanning"
-    dial: float = 0.8
-    options: Mapping[str, Any] = field(default_factory=dict)
+    of: str = "highway"  # name of the scenario
+    change: str = "replanning"  # name of the change
+    dial: float = 0.8  # how far it goes; 0 is the scenario itself
+    options: Mapping[str, Any] = field(default_factory=dict)  # options of the scenario
 
     def __post_init__(self) -> None:
         from olne_bench.envs.scenarios import check_options  # finds this file

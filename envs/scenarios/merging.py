@@ -55,19 +55,16 @@ class Merging:
 
     Seed 0 is the nominal start. One draw in five is infeasible: a pair touches at the start, or
     after the first step, which no control changes.
-
-    Attributes:
-        num_players: N, 3 or 4; or ``drawn``, or the fewest and the most.
-        weights: ``published`` for equal ones; ``moderate``, each from 0.2 to 1 before they are
-            scaled; or ``dirichlet`` for weights that are uniform on the simplex.
-        unknown_radius: whether nobody tells estimators how far vehicles stay apart. The distance
-            between two of them, the diameter of one, is then an unknown of the constraints, and
-            each seed draws another.
     """
 
     name: ClassVar[str] = "merging"
-    num_players: PlayerNumber = 3
+    num_players: PlayerNumber = 3  # N, 3 or 4; or ``drawn``, or the fewest and the most
+    #: ``published`` for equal ones; ``moderate``, each from 0.2 to 1 before they are scaled; or
+    #: ``dirichlet`` for weights that are uniform on the simplex.
     weights: str = PUBLISHED
+    #: Whether nobody tells estimators how far vehicles stay apart. The distance between two of
+    #: them, the diameter of one, is then an unknown of the constraints, and each seed draws
+    #: another.
     unknown_radius: bool = False
 
     def __post_init__(self) -> None:
@@ -77,11 +74,7 @@ class Merging:
             raise ValueError(f"unknown_radius must be true or false, got {self.unknown_radius!r}")
 
     def draw(self, seed: int = 0) -> Scenario:
-        """The member of a seed.
-
-        Raises:
-            NoEquilibriumError: if the draw is infeasible.
-        """
+        """The member of a seed; NoEquilibriumError if the draw is infeasible."""
         count = player_number(player_range(self.name, self.num_players, *PLAYERS), seed)
         start, weights = STARTS[:count], None
         if seed:

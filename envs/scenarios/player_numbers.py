@@ -16,8 +16,7 @@ PlayerNumber = int | str | Sequence[int]
 def player_range(name: str, given: PlayerNumber, fewest: int, most: int) -> tuple[int, int]:
     """The fewest and the most players of a scenario that holds some numbers only.
 
-    Raises:
-        ValueError: on a number, or a range, that the scenario does not hold.
+    Raises ValueError on a number, or a range, that the scenario does not hold.
     """
     if given == DRAWN:
         return fewest, most

@@ -39,16 +39,12 @@ LIMITS = Limits(controls=(2 * np.pi, 2.0), states=(38.0, 38.0, 42.0, 13.0))
 
 @dataclass(frozen=True)
 class Random:
-    """Players that cross; each seed draws others.
-
-    Attributes:
-        num_players: N, 1 to 50; drawn if None.
-        weights: ``moderate``, each from 0.2 to 1 before they are scaled, or ``dirichlet`` for
-            weights that are uniform on the simplex.
-    """
+    """Players that cross; each seed draws others."""
 
     name: ClassVar[str] = "random"
-    num_players: int | None = None
+    num_players: int | None = None  # N, 1 to 50; drawn if None
+    #: ``moderate``, each from 0.2 to 1 before they are scaled, or ``dirichlet`` for weights
+    #: that are uniform on the simplex.
     weights: str = MODERATE
 
     def __post_init__(self) -> None:

@@ -52,6 +52,9 @@ class Scenario:
     """A game with its ground truth.
 
     ``solve_olne(scenario.game, scenario.weights, scenario.initial_state)`` is the true motion.
+    Raises ValueError on arrays of a wrong shape, noise scales that are not positive, or parameters
+    that are out of their ranges, are where their prior has no mass, or do not make ``asked`` the
+    same as ``game``.
 
     Attributes:
         name: name for ``get_scenario``.
@@ -67,11 +70,6 @@ class Scenario:
         parameters: (N, U) true values of these unknowns, in their units; None where there are none.
         prior: what estimators are told of each player's weights: how they are drawn, or near it.
         departure: how the world differs from all of this; None where it does not.
-
-    Raises:
-        ValueError: on arrays of a wrong shape, noise scales that are not positive, or parameters
-            that are out of their ranges, are where their prior has no mass, or do not make
-            ``asked`` the same as ``game``.
     """
 
     name: str

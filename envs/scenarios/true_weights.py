@@ -36,12 +36,9 @@ def check_kind(given: object, known: Sequence[str]) -> None:
 
 @dataclass(frozen=True)
 class PublishedOrDrawn:
-    """A published scenario, or the same players with weights that each seed draws.
+    """A published scenario, or the same players with weights that each seed draws."""
 
-    Attributes:
-        weights: ``published``, or ``dirichlet`` for weights that are uniform on the simplex.
-    """
-
+    #: ``published``, or ``dirichlet`` for weights that are uniform on the simplex.
     weights: str = PUBLISHED
 
     def __post_init__(self) -> None:

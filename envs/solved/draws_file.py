@@ -157,8 +157,7 @@ class Draws:
     ) -> Equilibrium | None:
         """The equilibrium of a game; None if it is not among the draws.
 
-        Raises:
-            OtherDrawsError: if the kept motion is not one of this game.
+        Raises OtherDrawsError if the kept motion is not one of this game.
         """
         kept = self.motions.get(key_of(game, weights, initial_state))
         if kept is None:
@@ -210,11 +209,7 @@ def packed(draws: Draws) -> bytes:
 
 
 def unpacked(content: bytes, place: str) -> Draws:
-    """The draws in bytes.
-
-    Raises:
-        OtherDrawsError: if they are of another version, or no draws.
-    """
+    """The draws in bytes; OtherDrawsError if they are of another version, or no draws."""
     try:
         found = msgspec.msgpack.decode(content, type=_Content)
     except msgspec.MsgspecError as error:
@@ -232,11 +227,7 @@ def unpacked(content: bytes, place: str) -> Draws:
 
 
 def write_draws(path: Path, draws: Draws) -> None:
-    """Write a file of draws, completely or not at all.
-
-    Raises:
-        UserError: if it cannot be written.
-    """
+    """Write a file of draws, completely or not at all; UserError if it cannot be written."""
     with whole_file(path) as unfinished:
         unfinished.write_bytes(sealed(packed(draws)))
 
@@ -244,8 +235,7 @@ def write_draws(path: Path, draws: Draws) -> None:
 def read_draws(path: Path) -> Draws:
     """Read a file of draws; the latest one is kept in memory.
 
-    Raises:
-        OtherDrawsError: if it cannot be read, its hash is wrong, or it is of another version.
+    Raises OtherDrawsError if it cannot be read, its hash is wrong, or it is of another version.
     """
     try:
         content = unsealed(path.read_bytes())

@@ -235,11 +235,7 @@ def write_road_file(path: Path, content: RoadFile) -> None:
 
 
 def curve_entry(curve: Lane) -> StraightEntry | SineEntry | ArcEntry:
-    """A curve of ``games.model.lanes`` as plain numbers.
-
-    Raises:
-        TypeError: on a curve of another kind.
-    """
+    """A curve of ``games.model.lanes`` as plain numbers; TypeError on a curve of another kind."""
     if isinstance(curve, StraightLane):
         return StraightEntry(**asdict(curve))
     if isinstance(curve, SineLane):
