@@ -26,10 +26,9 @@ class Recording:
     Attributes:
         scenario: the scenario that was played, ground truth included.
         states: (T, N, n) states that the world reported.
-        controls: (T-1, N, m) controls of the equilibrium.
-        costates: (T-1, N, n) costates of the equilibrium.
-        extra_state: (N, n) state at T+1, one step beyond the horizon with zero controls. It is
-            computed, as the episode is over by then.
+        controls: (T-1, N, m) of the equilibrium.
+        costates: (T-1, N, n) of the equilibrium.
+        extra_state: (N, n) at T+1, beyond the episode, computed with zero controls.
         certificate: evidence for the equilibrium.
         planned: (T, N, n) states of the equilibrium; None where they were driven.
         everybody: (M, n) last states with players that are not reported; None as ``planned``.

@@ -139,13 +139,7 @@ class RecordingFile:
 def of_recordings(
     recordings: Sequence[Recording], seeds: Sequence[int], options: dict[str, Any]
 ) -> RecordingFile:
-    """The file of one scenario's draws.
-
-    Args:
-        recordings: recordings of the draws, at least one.
-        seeds: seeds of the draws.
-        options: the scenario's own options.
-    """
+    """The file of one scenario's draws: their recordings, at least one, seeds, and own options."""
     scenario = recordings[0].scenario
     game = scenario.game
     return RecordingFile(

@@ -240,7 +240,7 @@ def asking_for_speeds(scenario: Scenario, speeds: tuple[float, float]) -> Scenar
 
 
 def unknown_speed(speeds: tuple[float, float]) -> Unknown:
-    """A target speed as a number that estimators have to find.
+    """A target speed that estimators have to find.
 
     Its prior has the mean and deviation of a uniform distribution over ``speeds``, and a range
     twice as wide.
@@ -276,9 +276,9 @@ def draw_playable(
     """The first draw with a certified equilibrium that the simulator plays exactly.
 
     HighwayEnv looks one frame ahead for collisions and pushes cars apart. A draw is rejected if
-    this would change the plan of cars that are a little wider, because the plan would not be played
-    open-loop. The seed of each draw is derived from ``seed``, the number of players and the number
-    of the draw. Raises NoEquilibriumError if ``MAX_DRAWS`` draws are rejected.
+    this would change the plan of cars that are a little wider. A draw's seed is derived from
+    ``seed``, the number of players and its own number. Raises NoEquilibriumError if ``MAX_DRAWS``
+    draws are rejected.
     """
     for attempt in range(MAX_DRAWS):
         scenario = draw(np.random.default_rng([seed, num_players, attempt]))

@@ -1,8 +1,7 @@
 """Temperaments of drivers: distributions of the true weights of who drives on HighwayEnv's roads.
 
-Each driver has one of three temperaments, and each temperament is a Dirichlet distribution of the
-weights. A driver of unknown temperament has a mixture of them. The distributions overlap: even
-weights that are known exactly do not always tell the temperament.
+Each driver has one of three, a Dirichlet distribution of the weights; a driver of unknown
+temperament has a mixture of them. They overlap: exact weights do not always tell the temperament.
 """
 
 from collections.abc import Mapping

@@ -55,18 +55,13 @@ def scenario_options(name: str) -> list[str]:
 
 
 def get_scenario(name: str, seed: int | None = None, **options: object) -> Scenario:
-    """Draw a scenario.
+    """Draw a scenario by name, one of ``scenario_names()``, or ``path.py`` / ``path.py:Class``.
 
-    Args:
-        name: one of ``scenario_names()``, or ``path.py`` / ``path.py:Class``.
-        seed: member of a family, 0 by default; a fixed scenario ignores it.
-        **options: the scenario's own options, such as ``num_players`` of ``random``.
-
-    Raises:
-        PluginError: on an unknown name or option (the message names the alternatives), a value
-            that the scenario refuses, or a foreign scenario that does not draw a ``Scenario``.
-        ValueError: on an invalid seed.
-        NoEquilibriumError: if a family finds no member that can be played.
+    The seed says which member of a family, 0 by default; a fixed scenario ignores it. The options
+    are the scenario's own, such as ``num_players`` of ``random``. Raises PluginError on an unknown
+    name or option (the message names the alternatives), a value that the scenario refuses, or a
+    foreign scenario that does not draw a ``Scenario``; ValueError on an invalid seed;
+    NoEquilibriumError if a family finds no member that can be played.
     """
     plugin = check_options(name, **options)
     arguments = (checked_seed(seed),) if takes_seed(plugin) else ()

@@ -22,9 +22,7 @@ class NoEquilibriumError(Exception):
 
 @dataclass(frozen=True)
 class Limits:
-    """Bounds of controls and states, the same for every draw of a family.
-
-    Worlds build their spaces from them. Spaces must be finite and must not change with the seed.
+    """Bounds of controls and states, the same for every draw of a family, for the spaces of worlds.
 
     Attributes:
         controls: (m,) largest magnitude of each control that a world accepts.

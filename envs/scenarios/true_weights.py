@@ -25,11 +25,7 @@ TEMPERED = "temperaments"
 
 
 def check_kind(given: object, known: Sequence[str]) -> None:
-    """Refuse a kind of weights that a scenario does not draw.
-
-    Raises:
-        ValueError: with a message that names the alternatives.
-    """
+    """Refuse a kind of weights that a scenario does not draw; ValueError names the alternatives."""
     if given not in known:
         raise ValueError(f"weights must be one of {', '.join(known)}, got {given!r}")
 
@@ -55,10 +51,10 @@ class PublishedOrDrawn:
 
 
 def flat_dirichlet(seed: int, players: int, weights: int) -> np.ndarray:
-    """Weights (N, K), each row uniform on the simplex.
+    """Weights (N, K), each row uniform on the simplex, of the seed and their number alone.
 
-    They depend on the seed and their number alone: where a proposal is refused, the next one has
-    the same weights, as otherwise weights that are easy to play would be drawn more often.
+    Where a proposal is refused, the next one has the same weights, as otherwise weights that are
+    easy to play would be drawn more often.
     """
     rng = np.random.default_rng([seed, players, weights, 0x57])
     return rng.dirichlet(np.ones(weights), players)

@@ -1,9 +1,8 @@
 """Solved draws in one small file, which travels: every machine then plays the same truths.
 
 A motion is kept as its controls in single precision, with the evidence of its certificate. Newton's
-method on the machine that reads it leads back to the root, to rounding, and shows that it is one.
-Draws and starts that were refused are kept by name only. Games with hard constraints are solved in
-milliseconds and are not kept.
+method leads back to the root, to rounding, and shows that it is one. Refused draws and starts are
+kept by name only, and games with hard constraints are not kept.
 
 The file is a SHA-256 digest, then MessagePack. What a motion belongs to is found by the weights and
 the initial state, rounded so that machines may differ in the last bits.

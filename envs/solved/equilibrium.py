@@ -1,10 +1,7 @@
 """The true motion of a scenario: its certified equilibrium, solved once per process.
 
-It is certified locally and globally so far (``games.solve.olne.Certificate``): where a player has a
-much better plan far away, another equilibrium is taken, and the draw is refused if there is none.
-
-Equilibria of draws that a user plays in a world are kept on disk, and those of a suite may come in
-a file (``envs.solved.kept_draws``).
+It is certified locally and globally so far (``games.solve.olne.Certificate``), or the draw is
+refused. Equilibria may be kept on disk or come in a file (``envs.solved.kept_draws``).
 """
 
 from functools import lru_cache

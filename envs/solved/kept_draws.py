@@ -1,15 +1,13 @@
 """Draws at hand: those of a suite, which travel, and those that a user has played in a world.
 
-Only worlds that draw a built-in scenario by its name keep equilibria (``keeping``), so that a
-second reset of a seed does not solve again. The referee of a benchmark gives its worlds finished
-scenarios, so the truth of a run is never kept. Estimators cannot read the folder in any case
+Only worlds that draw a built-in scenario by its name keep equilibria (``keeping``), for a second
+reset of a seed; the truth of a run is never kept. Estimators cannot read the folder in any case
 (``bench.process.sandbox``). ``OLNE_BENCH_DRAWS=0`` switches this off.
 
 A kept file is a file of draws with one draw (``envs.solved.draws_file``). Its name is a digest of
 all that determines the result: the game, the weights, the start, this package's code, the versions
-of the libraries and the type of machine.
-
-The draws of a suite serve the truths of a run and of its report (``travelling``).
+of the libraries and the type of machine. The draws of a suite serve the truths of a run and of its
+report (``travelling``).
 """
 
 import hashlib

@@ -236,9 +236,9 @@ def explain(
 
 
 def costs_of(name: str, seed: int | None, count: int) -> Scenario:
-    """A scenario whose players have the costs; without a seed, its draw may be unplayable.
+    """A scenario whose players have the costs; UserError on an unknown name or number of players.
 
-    UserError on an unknown scenario, or a number of players that it does not hold.
+    Without a seed, its draw may be unplayable.
     """
     try:
         if seed is None and is_family(name):

@@ -57,10 +57,7 @@ def write_csv(path: Path, episode: Episode) -> None:
 
 
 def write_commonroad(path: Path, episode: Episode) -> dict[str, str]:
-    """Write a CommonRoad scenario: lanes as lanelets, players as dynamic obstacles.
-
-    Returns the obstacles' numbers, by name of the player.
-    """
+    """Write a CommonRoad scenario of lanes and obstacles; their numbers, by name of the player."""
     try:
         from commonroad.common.file_writer import CommonRoadFileWriter, OverwriteExistingFile
     except ImportError as error:

@@ -10,9 +10,9 @@ _ALONG = np.deg2rad(30)  # largest angle from the x axis of a car that keeps alo
 
 
 def travel(table: pd.DataFrame) -> pd.Series:
-    """The direction of travel of each row [rad], from its player's positions.
+    """Each row's direction of travel [rad], from positions; NaN if a car never moves.
 
-    While a car hardly moves, it is that between the times when it does. NaN if it never does.
+    While a car hardly moves, it is that between the times when it does.
     """
     found = pd.Series(np.nan, table.index)
     for _, rows in table.dropna(subset=["time", "x", "y"]).groupby("player", sort=False):

@@ -1,9 +1,8 @@
 """Match cars to lanes: the likeliest sequence, by position and heading, and whether they are on it.
 
 The cost of a lane is the squared distance [m] to it and the deviation from its heading. A
-transition to a lane that the present one leads to is almost free. A change to any other lane is
-expensive, so that noise does not look like a lane change. The cheapest sequence is found by dynamic
-programming (Viterbi).
+transition to a lane that the present one leads to is almost free, any other expensive. The cheapest
+sequence is found by dynamic programming (Viterbi).
 """
 
 from collections.abc import Sequence
@@ -69,8 +68,8 @@ def driven(road: Road, motion: Motion) -> list[Leg]:
 def route(road: Road, legs: Sequence[Leg]) -> tuple[tuple[Lane, ...], list[str]]:
     """The curves and names of the lanes that a car with these legs keeps to.
 
-    A car that changes lanes keeps to the lane in which it ends. A car that returns to this lane
-    keeps to the other one until it leaves that.
+    That is the lane in which it ends, but, for one that returns to it, the other until it leaves
+    that.
     """
     curves: list[Lane] = []
     names: list[str] = []

@@ -88,10 +88,7 @@ class Road:
             check_shown("lane", name)
 
     def near(self, positions: np.ndarray, within: float) -> "Road":
-        """The lanes that pass within ``within`` [m] of any of the positions (S, 2).
-
-        And those that they lead to.
-        """
+        """Lanes that pass within ``within`` [m] of any position (S, 2), and those they lead to."""
         far = {n: locate(lane.line, positions).distance.min() for n, lane in self.lanes.items()}
         near = {name for name in self.lanes if far[name] < within}
         ahead = {after for name in near for after in self.lanes[name].following}

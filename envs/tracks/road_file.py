@@ -187,11 +187,7 @@ class RoadFile(_Strict):
         return self
 
     def check_lanes(self) -> None:
-        """Refuse names of unknown lanes.
-
-        Raises:
-            ValueError: with a message that says where the name is used and which lanes are known.
-        """
+        """Refuse names of unknown lanes; ValueError says where it is and which are known."""
         named = [
             *((f"lane {name!r}", lane.following) for name, lane in self.lanes.items()),
             *((f"player {name!r}", player.lanes or []) for name, player in self.players.items()),
@@ -212,11 +208,7 @@ class RoadFile(_Strict):
 
 
 def read_road_file(path: Path) -> RoadFile:
-    """Read a TOML file of lanes and targets.
-
-    Raises:
-        UserError: with a one-line message that names the place.
-    """
+    """Read a TOML file of lanes and targets; a UserError's line names the place."""
     check_input("road file", path, MOST_BYTES)
     with bad_input(f"{path} is not a TOML file", OSError):
         data = tomllib.loads(path.read_text(encoding="utf-8"))
@@ -247,10 +239,7 @@ def curve_entry(curve: Lane) -> StraightEntry | SineEntry | ArcEntry:
 
 
 def lane_entries(road: Road) -> dict[str, LaneEntry]:
-    """The lanes of a road as plain data, with exact curves.
-
-    ``following`` has only names of lanes of this road.
-    """
+    """The lanes of a road as plain data, with exact curves, followed by lanes of this road only."""
     return {
         name: LaneEntry(
             curves=[curve_entry(curve) for curve in lane.curves],
