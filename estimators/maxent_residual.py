@@ -204,12 +204,7 @@ def _maximise(trajectories: Sequence[Curvature], guess: np.ndarray, floor: float
         for one, own in zip(trajectories, hessians, strict=True)
     ]
     solver = _solver(size, count, len(trajectories))
-    solution = solver(
-        x0=start,
-        p=np.concatenate([*parameters, [floor]]),
-        lbx=0.0,
-        lbg=0.0,
-    )
+    solution = solver(x0=start, p=np.concatenate([*parameters, [floor]]), lbx=0.0, lbg=0.0)
     theta = np.array(solution["x"]).ravel()
     weights = np.maximum(theta / theta.sum(), floor)
     return _Maximum(

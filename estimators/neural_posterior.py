@@ -56,12 +56,7 @@ class NeuralPosterior:
         check_count("count", self.count, least=40, most=4000)
 
     def estimate(
-        self,
-        problem: Problem,
-        observation: Observation,
-        *,
-        rng: np.random.Generator,
-        budget: float,
+        self, problem: Problem, observation: Observation, *, rng: np.random.Generator, budget: float
     ) -> Estimate:
         check_observation(problem, observation)
         reason = self.supports(problem)

@@ -48,13 +48,7 @@ from olne_bench.estimators.shared.joint_problem import JointSolution
 from olne_bench.estimators.shared.joint_starts import lowest
 from olne_bench.estimators.shared.noise_level import telling_noise, with_found_noise
 from olne_bench.estimators.shared.perturbed_fits import Fits, Peak, perturbed_fits, resampled
-from olne_bench.estimators.shared.pooled import (
-    Recorded,
-    SharedDensity,
-    Together,
-    checked,
-    games_of,
-)
+from olne_bench.estimators.shared.pooled import Recorded, SharedDensity, Together, checked, games_of
 from olne_bench.estimators.shared.posterior_density import (
     STEPS,
     Density,
@@ -108,12 +102,7 @@ class Posterior:
         check_count("count", self.count, least=40, most=4000)
 
     def estimate(
-        self,
-        problem: Problem,
-        observation: Observation,
-        *,
-        rng: np.random.Generator,
-        budget: float,
+        self, problem: Problem, observation: Observation, *, rng: np.random.Generator, budget: float
     ) -> Estimate:
         problem, (seen,) = with_white_noise(problem, observation)
         deadline = time.monotonic() + budget

@@ -272,12 +272,7 @@ class Estimator(Protocol):
     """
 
     def estimate(
-        self,
-        problem: Problem,
-        observation: Any,
-        *,
-        rng: np.random.Generator,
-        budget: float,
+        self, problem: Problem, observation: Any, *, rng: np.random.Generator, budget: float
     ) -> Estimate:
         """Estimate every player's weights.
 

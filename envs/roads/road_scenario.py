@@ -49,11 +49,7 @@ NOISE_SCALE = (1.0, 1.0, 0.1, 1.0)
 
 
 def rejection(scenario: Scenario) -> str | None:
-    """Why a draw must not be used: no equilibrium, out of limits or collision.
-
-    Returns:
-        The reason, or None if the draw may be used.
-    """
+    """Why a draw must not be used: no equilibrium, out of limits or collision; None if it may."""
     if kept_draws.is_held(scenario.game, scenario.weights, scenario.initial_state):
         return None
     reason = _reason(scenario)
@@ -125,10 +121,7 @@ class Driver:
 
 
 def driving_scenario(
-    name: str,
-    drivers: list[Driver],
-    manner: Manner,
-    weights: np.ndarray | np.random.Generator,
+    name: str, drivers: list[Driver], manner: Manner, weights: np.ndarray | np.random.Generator
 ) -> Scenario:
     """A scenario of drivers with the same units; weights (N, 4), or what draws them."""
     if isinstance(weights, np.random.Generator):

@@ -71,14 +71,9 @@ def tempered_prior(shares: Mapping[str, float]) -> WeightPrior:
 
 
 def recognised(weights: np.ndarray, shares: Mapping[str, float]) -> np.ndarray:
-    """The temperament whose part of the mixture's density is the largest.
+    """Temperaments with the largest part of the mixture's density: names (...) of weights (..., 4).
 
-    Args:
-        weights: (..., 4), of any scale.
-        shares: share of each temperament.
-
-    Returns:
-        (...) names.
+    The scale of weights does not count.
     """
     positive = np.maximum(weights / weights.sum(axis=-1, keepdims=True), LEAST_WEIGHT)
     logs = np.log(positive / positive.sum(axis=-1, keepdims=True))

@@ -65,10 +65,7 @@ def _set(variable: ContextVar[T], value: T) -> Iterator[None]:
 
 
 def travelled(game: Game, weights: np.ndarray, initial_state: np.ndarray) -> Equilibrium | None:
-    """The equilibrium of a game among the draws that travel; None if it is not there.
-
-    OtherDrawsError if they hold another game's motion in its place.
-    """
+    """The equilibrium of a game among draws that travel, or None; OtherDrawsError if it differs."""
     draws = _travelling.get()
     return None if draws is None else draws.equilibrium(game, weights, initial_state)
 

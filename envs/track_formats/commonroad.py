@@ -21,13 +21,7 @@ from olne_bench.envs.tracks.road import (
     curves_through,
     read_lanes,
 )
-from olne_bench.envs.tracks.table import (
-    COLUMNS,
-    SLOWEST,
-    Tracks,
-    no_parts,
-    plain_float,
-)
+from olne_bench.envs.tracks.table import COLUMNS, SLOWEST, Tracks, no_parts, plain_float
 from olne_bench.envs.tracks.text import listed, read_xml
 from olne_bench.errors import UserError, bad_input
 

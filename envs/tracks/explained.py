@@ -55,10 +55,7 @@ class Known:
 
 
 def check_told(scenario: str, known: Known) -> list[str]:
-    """Warnings on entries of the file that the scenario's costs do not use.
-
-    UserError on a target of a component that no cost has, which is a mistake.
-    """
+    """Warnings on entries that costs do not use; UserError on a target of an unknown component."""
     terms = [term for player in known.players for term in (*player.preferences, *player.task)]
     components = sorted({term.component for term in terms if isinstance(term, StateDeviation)})
     warnings = []

@@ -42,7 +42,4 @@ def along_road(headings: pd.Series, players: pd.Series) -> pd.Series:
 def centred(table: pd.DataFrame, headings: pd.Series, ahead: pd.Series) -> pd.DataFrame:
     """The table with positions moved back by ``ahead`` [m]; an unknown heading is 0."""
     known = headings.fillna(0.0)
-    return table.assign(
-        x=table["x"] - ahead * np.cos(known),
-        y=table["y"] - ahead * np.sin(known),
-    )
+    return table.assign(x=table["x"] - ahead * np.cos(known), y=table["y"] - ahead * np.sin(known))

@@ -188,10 +188,7 @@ def _resampled_times(path: Path, table: pd.DataFrame, step: float) -> np.ndarray
 
 
 def _usual_step(table: pd.DataFrame) -> float:
-    """The mean time between two neighbouring samples of a player [s]; 0 if nobody has two.
-
-    Not the median: times that were rounded would make it wrong.
-    """
+    """The mean time between a player's samples [s] or 0; rounded times would mislead a median."""
     steps = table.sort_values("time").groupby("player")["time"].diff().dropna()
     steps = steps[np.abs(steps / steps.median() - 1) < _NEIGHBOURS]
     return float(steps.mean()) if len(steps) else 0.0

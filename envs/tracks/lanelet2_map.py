@@ -46,10 +46,7 @@ def read_lanelets(path: Path, origin: tuple[float, float] | None = None) -> Road
 def _borders(
     root: ElementTree.Element, origin: tuple[float, float] | None
 ) -> tuple[dict[str, _Borders], list[str]]:
-    """Points of the left and the right border of each lane, in driving direction.
-
-    And what is wrong with lanelets that have none.
-    """
+    """Points of both borders of each lane, left first, in driving direction, and what is wrong."""
     relations = _by_id(root, "relation")
     tags = {name: _tags(relation) for name, relation in relations.items()}
     lanelets = [name for name in relations if tags[name].get("type") == "lanelet"]

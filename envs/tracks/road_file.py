@@ -298,10 +298,7 @@ def _goes_on(lane: RoadLane, after: RoadLane) -> bool:
 
 
 def road_file(scenario: Scenario) -> RoadFile:
-    """The road and the targets of a scenario's players, without their weights.
-
-    Routes over lanes that cannot be written as plain numbers are left out.
-    """
+    """The road and targets of a scenario's players, without weights, and lanes of plain numbers."""
     road = road_of_scenario(scenario)
     lanes = lane_entries(road) if road else {}
     players = {

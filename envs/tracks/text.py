@@ -96,10 +96,7 @@ class Sheet:
     decimal: str
 
     def columns(
-        self,
-        needed: Sequence[str],
-        optional: Sequence[str] = (),
-        texts: Sequence[str] = (),
+        self, needed: Sequence[str], optional: Sequence[str] = (), texts: Sequence[str] = ()
     ) -> pd.DataFrame:
         """Columns by name, whatever the case; ``texts`` are read as they are written.
 

@@ -23,12 +23,7 @@ from scipy.special import gammainc, gammaincc, ndtr
 
 from olne_bench.estimators.protocol import FIT_LEVEL, Observation, Problem
 from olne_bench.estimators.shared.forward_model import SolvedGame, game_of_motion
-from olne_bench.estimators.shared.posterior_density import (
-    STEPS,
-    Places,
-    climbed,
-    density_near,
-)
+from olne_bench.estimators.shared.posterior_density import STEPS, Places, climbed, density_near
 from olne_bench.estimators.shared.white_noise import with_white_noise
 
 _DRAWS = 1000

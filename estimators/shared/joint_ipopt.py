@@ -125,12 +125,7 @@ def _point(game: Game, flat: np.ndarray, weights: np.ndarray) -> JointPoint:
 
 @lru_cache(maxsize=16)
 def joint_solver(
-    game: Game,
-    view: View,
-    count: int,
-    max_iterations: int,
-    tolerance: float,
-    barrier: bool = False,
+    game: Game, view: View, count: int, max_iterations: int, tolerance: float, barrier: bool = False
 ) -> ca.Function:
     """Build (or fetch) the solver for ``count`` trajectories.
 

@@ -11,11 +11,7 @@ import numpy as np
 
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.shared.charts import NormalChart
-from olne_bench.estimators.shared.forward_model import (
-    SolvedGame,
-    game_of_point,
-    sample_sensitivity,
-)
+from olne_bench.estimators.shared.forward_model import SolvedGame, game_of_point, sample_sensitivity
 from olne_bench.estimators.shared.joint_problem import JointSolution, SeenMotion
 from olne_bench.estimators.shared.posterior_density import GameDensity, Places
 from olne_bench.estimators.shared.white_noise import assumed_sigma, with_white_noise

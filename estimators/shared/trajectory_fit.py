@@ -177,10 +177,7 @@ def _fill_gaps(samples: np.ndarray) -> np.ndarray:
         if not seen.size:
             continue
         filled[:, player] = np.interp(times, seen, column[seen])
-        for near, missing in (
-            (seen[:_LINE], times < seen[0]),
-            (seen[-_LINE:], times > seen[-1]),
-        ):
+        for near, missing in ((seen[:_LINE], times < seen[0]), (seen[-_LINE:], times > seen[-1])):
             if missing.any():
                 line = np.polyfit(near, column[near], min(1, len(near) - 1))
                 filled[missing, player] = np.polyval(line, times[missing])

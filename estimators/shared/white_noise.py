@@ -44,8 +44,7 @@ def with_white_noise(
         matrix = whitening(problem.noise_covariance)
     return white_problem(problem), tuple(
         Observation(
-            y=_white(one.y, matrix),
-            extra=None if one.extra is None else _white(one.extra, matrix),
+            y=_white(one.y, matrix), extra=None if one.extra is None else _white(one.extra, matrix)
         )
         for one in observations
     )

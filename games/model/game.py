@@ -291,11 +291,7 @@ def trajectory_symbols(name: str, shape: tuple[int, int, int]) -> tuple[ca.SX, l
 
 
 def player_cost(
-    game: Game,
-    player: int,
-    states: list[list[ca.SX]],
-    controls: list[ca.SX],
-    weights: ca.SX,
+    game: Game, player: int, states: list[list[ca.SX]], controls: list[ca.SX], weights: ca.SX
 ) -> ca.SX:
     """J^i (eqn. nash): cost of player i over a whole trajectory; ValueError if it has unknowns.
 
