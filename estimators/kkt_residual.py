@@ -99,10 +99,7 @@ _Trajectory = tuple[np.ndarray, np.ndarray, np.ndarray | None]
 
 
 def pre_filter(problem: Problem, observation: Observation) -> tuple[_Trajectory, TrajectoryFit]:
-    """States (T, N, n), controls (T-1, N, m) and u_T (N, m) or None; and the fit as a whole.
-
-    The pre-filter uses the sample beyond the horizon if there is one.
-    """
+    """States (T, N, n), controls (T-1, N, m), u_T (N, m) or None; and the fit as a whole."""
     horizon, y, extra = problem.game.horizon, observation.y, observation.extra
     if extra is not None:
         y = np.concatenate([y, extra[None]])
@@ -150,10 +147,7 @@ def _player_weights(rows: np.ndarray, floor: float) -> tuple[np.ndarray, float]:
 
 @lru_cache(maxsize=16)
 def _residual_functions(game: Game) -> tuple[list[ca.Function], list[ca.Function]]:
-    """Per player: (x, u) -> (A^i, B^i), and (x_T, u_T^i) -> rows of the last control.
-
-    All control rows are in units per step.
-    """
+    """Per player and step: (x, u) -> (A^i, B^i), and (x_T, u_T^i) -> rows of the last control."""
     system = kkt_system(game)
     n, m = game.dynamics.state_size, game.dynamics.control_size
     state_rows = ca.vertsplit(system.stationarity_states, n)

@@ -122,10 +122,7 @@ class Map(KktConstrained):
 
 
 def check_alpha(alpha: float | None) -> None:
-    """Refuse a parameter of a Dirichlet distribution that is none.
-
-    Raises ValueError unless it is positive and finite, or None.
-    """
+    """Refuse a Dirichlet parameter; ValueError unless it is positive and finite, or None."""
     if alpha is not None:
         check_number("alpha", alpha)
 
@@ -152,10 +149,7 @@ def refined(
     prior: WeightPrior,
     deadline: float,
 ) -> JointSolution:
-    """An optimum of (M1) under a mixture, from one under another prior; as it was if none is found.
-
-    Its criterion is that of the mixture, so optima can be compared.
-    """
+    """An optimum of (M1) under a mixture, from one under another prior; that one if none."""
     floor, free = problem.weight_floor, 1 - problem.game.num_weights * problem.weight_floor
     for _ in range(_ROUNDS if solution.converged else 0):
         weights = weights_of(motions, solution.points)

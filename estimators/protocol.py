@@ -153,10 +153,7 @@ class Observation:
 def check_observations(
     problem: Problem, observation: "Observation | Sequence[Observation]"
 ) -> tuple[Observation, ...]:
-    """One observation or several as a tuple, each of them checked.
-
-    Raises ValueError if there is none, and as in ``check_observation``.
-    """
+    """One or several observations as a tuple; ValueError on none, and as ``check_observation``."""
     several = tuple(observation) if isinstance(observation, Sequence) else (observation,)
     if not several:
         raise ValueError("at least one observation is needed, got none")
@@ -166,10 +163,7 @@ def check_observations(
 
 
 def check_observation(problem: Problem, observation: Observation) -> None:
-    """Check that an observation fits the problem, with NaN for missing samples.
-
-    Raises ValueError on a wrong shape of ``y`` or ``extra``, or on infinity.
-    """
+    """Check an observation, NaN where missing; ValueError on a wrong shape, or on infinity."""
     size = observation_size(problem.view, problem.game.dynamics)
     shape = (*problem.game.state_shape[:2], size)
     _check_samples("y", observation.y, shape, problem.view)

@@ -121,10 +121,7 @@ def _coasting(scenario: Scenario, states: np.ndarray) -> np.ndarray:
 
 
 def film(scenario: Scenario) -> Iterator[np.ndarray]:
-    """The frames (height, width, 3) uint8 of a scenario's equilibrium, one per state.
-
-    Raises NoEquilibriumError as ``record``.
-    """
+    """Frames (height, width, 3) uint8 of an equilibrium, one per state; raises as ``record``."""
     world = make_world(scenario, render_mode="rgb_array")
     try:
         for _ in _episode(world):
@@ -136,10 +133,7 @@ def film(scenario: Scenario) -> Iterator[np.ndarray]:
 
 
 def _episode(world: OlneWorld) -> Iterator[tuple[np.ndarray, np.ndarray | None]]:
-    """States (N, n) and the controls (N, m) that follow them, None at the end.
-
-    It ends with the game, or when the first player leaves.
-    """
+    """States (N, n) and controls (N, m) that follow, None at the end or when a player leaves."""
     _, infos = world.reset()
     players, layout = world.agents, world.observation_layout
     while world.agents == players:

@@ -42,10 +42,7 @@ def scenario_names() -> list[str]:
 
 
 def is_family(name: str, **options: object) -> bool:
-    """Whether a scenario with these options is a family: each seed draws another member.
-
-    Raises PluginError as ``check_options`` does.
-    """
+    """Whether each seed draws another member; PluginError on options as ``check_options``."""
     return takes_seed(check_options(name, **options))
 
 
@@ -96,10 +93,7 @@ def check_options(name: str, **options: object) -> object:
 
 
 def checked_seed(seed: int | None) -> int:
-    """The seed of a draw, 0 by default.
-
-    Raises ValueError unless it is an integer of at least 0 and below 2**63.
-    """
+    """The seed of a draw, by default 0; ValueError unless an integer of at least 0, below 2**63."""
     if seed is None:
         return 0
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:

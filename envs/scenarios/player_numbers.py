@@ -14,10 +14,7 @@ PlayerNumber = int | str | Sequence[int]
 
 
 def player_range(name: str, given: PlayerNumber, fewest: int, most: int) -> tuple[int, int]:
-    """The fewest and the most players of a scenario that holds some numbers only.
-
-    Raises ValueError on a number, or a range, that the scenario does not hold.
-    """
+    """Fewest and most players of a scenario; ValueError on a number that it does not hold."""
     if given == DRAWN:
         return fewest, most
     if isinstance(given, Sequence):

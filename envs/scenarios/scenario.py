@@ -14,10 +14,7 @@ FARTHEST = 8.0
 
 
 class NoEquilibriumError(Exception):
-    """No equilibrium that is certified locally and globally so far was found for a scenario.
-
-    So it cannot serve as ground truth.
-    """
+    """No equilibrium, certified locally and globally so far, that could serve as ground truth."""
 
 
 @dataclass(frozen=True)

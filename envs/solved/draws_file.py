@@ -154,10 +154,7 @@ class Draws:
     def equilibrium(
         self, game: Game, weights: np.ndarray, initial_state: np.ndarray
     ) -> Equilibrium | None:
-        """The equilibrium of a game; None if it is not among the draws.
-
-        Raises OtherDrawsError if the kept motion is not one of this game.
-        """
+        """A game's equilibrium, or None; OtherDrawsError if the kept motion is not of this game."""
         kept = self.motions.get(key_of(game, weights, initial_state))
         if kept is None:
             return None
@@ -232,10 +229,7 @@ def write_draws(path: Path, draws: Draws) -> None:
 
 
 def read_draws(path: Path) -> Draws:
-    """Read a file of draws; the latest one is kept in memory.
-
-    Raises OtherDrawsError if it cannot be read, its hash is wrong, or it is of another version.
-    """
+    """Read a file of draws, and keep the latest; OtherDrawsError if unread, damaged or too old."""
     try:
         content = unsealed(path.read_bytes())
     except OSError as error:

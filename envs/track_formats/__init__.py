@@ -20,10 +20,7 @@ class TrackFormat(Protocol):
     DESCRIPTION: str
 
     def read(self, path: Path, part: str | None) -> Tracks:
-        """Read a file; convert to metres, seconds, radians and the centres of cars.
-
-        UserError on a file that is not of this format, or an unknown part.
-        """
+        """Read in metres, seconds, radians, centres of cars; UserError on a wrong file or part."""
 
 
 def format_names() -> list[str]:

@@ -91,10 +91,7 @@ def _row(time: float, element: ElementTree.Element) -> _Row:
 
 
 def read_net(path: Path) -> Road:
-    """Read the lanes for cars, including those inside junctions, and their successors.
-
-    A lane that cannot be read, such as one of no length, is left out.
-    """
+    """Read the lanes for cars that can be read, inside junctions too, and their successors."""
     with bad_input(f"{path} is not a SUMO network", OSError):
         net = read_xml("road file", path, MOST_MAP_BYTES, "net")
         following = _following(net)

@@ -55,10 +55,7 @@ def plain_float(text: str) -> float:
 def numbers(
     path: Path, frame: pd.DataFrame, names: Sequence[str], place: str = "row"
 ) -> pd.DataFrame:
-    """The table with the named columns as numbers, NaN where a cell is empty.
-
-    Messages of UserError name the place, by its index, and what is not a number.
-    """
+    """Named columns as numbers, NaN where empty; UserError names the place and what is none."""
     frame = frame.copy()
     for name in names:
         known = frame[name]

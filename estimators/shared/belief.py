@@ -72,10 +72,7 @@ class Gaussian:
 
 
 def hidden_positions(problem: Problem) -> str | None:
-    """Why a filter cannot start: a measurement does not determine positions; None if it does.
-
-    The belief about x_1 before the first measurement is read off that measurement.
-    """
+    """Why a filter cannot start (a measurement does not determine positions); None if it can."""
     dynamics = problem.game.dynamics
     known = problem.view.read_off(np.zeros((1, len(problem.noise_scale))), dynamics)
     if {"px", "py"} <= known.keys():
@@ -91,10 +88,7 @@ def lost_estimate(problem: Problem, online: Sequence[np.ndarray], message: str) 
 
 
 def first_game(problem: Problem, observation: Observation) -> SolvedGame:
-    """A game near all of the observation, not far from uniform weights, for filters that peek.
-
-    Raises LostError if none is found.
-    """
+    """A game near all samples and uniform weights, for filters that peek; LostError if none."""
     fitted = fitted_game(problem, observation)
     if fitted is not None:
         return fitted
@@ -158,10 +152,7 @@ def _quadrature(free: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def symmetric_root(matrix: np.ndarray) -> np.ndarray:
-    """Symmetric R with RR = matrix, which may be singular to rounding.
-
-    It is unique. Other roots by eigenvectors depend on rounding where eigenvalues are equal.
-    """
+    """The symmetric R with RR = matrix, unique; others depend on rounding at equal eigenvalues."""
     values, vectors = np.linalg.eigh(matrix)
     return np.asarray((vectors * np.sqrt(np.maximum(values, 0.0))) @ vectors.T)
 
@@ -217,14 +208,13 @@ class FollowedGames:
     def weight_belief(self, belief: Gaussian) -> Gaussian:
         """Mean (N*K,) and covariance (N*K, N*K) of the weights, of a belief about z.
 
-        Each player's own are exact to a high order, which counts where little is known. Between
-        players, what is linear counts only.
+        Each player's own are exact to a high order; between players, what is linear counts only.
         """
         own = slice(0, self.chart.free)
         return moments_of_weights(belief.mean[own], belief.covariance[own, own], self.chart)
 
     def expected(self, points: np.ndarray) -> np.ndarray:
-        """h(x) (B, T, N*d) of points (B, n) whose first is the mean; NaN without equilibrium.
+        """h(x) (B, T, N*d) of points (B, n), the mean first, NaN without equilibrium.
 
         Raises LateError after the deadline.
         """

@@ -154,10 +154,7 @@ class Expected:
         return np.concatenate([own.min(axis=1, keepdims=True), own[:, 1:]], axis=1)
 
     def test(self, residuals: np.ndarray, *, level_known: bool = True) -> FitTest:
-        """The test of residuals (T, N, d) over their noise; missing ones do not count.
-
-        Where the noise level is not known, it is that of the residuals.
-        """
+        """The test of residuals (T, N, d) over their noise, or over their own if it is unknown."""
         if self.free[0] < _FEWEST:
             return not_testable(
                 f"{len(self.deviations)} samples are {self.free[0]:.0f} more than was fitted"
@@ -191,10 +188,7 @@ def _skewness(values: np.ndarray) -> np.ndarray:
 
 
 def _tails(z: np.ndarray, skew: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How much of standardised Pearson III distributions is below z, and above.
-
-    ``scipy.stats`` has it too, but takes longer to import than all else that a referee needs.
-    """
+    """How much of Pearson III distributions is below z, and above; ``scipy.stats`` loads slowly."""
     with np.errstate(divide="ignore", invalid="ignore"):
         scale = 2.0 / skew
         shape = scale**2

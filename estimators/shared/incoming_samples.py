@@ -34,10 +34,7 @@ class Stream(Protocol):
 
 
 class StreamEstimator(Protocol):
-    """An estimator that follows a motion.
-
-    ``supports(problem)`` and ``warm_up(problem)`` are used if they exist, as in ``Estimator``.
-    """
+    """An estimator that follows a motion; ``supports`` and ``warm_up`` are as of ``Estimator``."""
 
     def start(
         self, problem: Problem, *, rng: np.random.Generator, lag: int | None = None
@@ -75,10 +72,7 @@ class Samples:
         self.count = 0
 
     def add(self, sample: np.ndarray) -> None:
-        """Take the next sample.
-
-        Raises StreamEndedError after the last one; ValueError on a wrong shape, or on infinity.
-        """
+        """Take a sample; StreamEndedError after the last, ValueError on wrong shape or infinity."""
         sample, view, game = np.array(sample, dtype=float), self._problem.view, self._problem.game
         if self.count == game.horizon and not self._problem.goes_on:
             raise StreamEndedError(f"the game ends after {game.horizon} samples, got one more")
@@ -138,10 +132,7 @@ def as_stream_estimator(estimator: Any) -> StreamEstimator:
 
 
 def warm_up_stream(estimator: Any, problem: Problem, lag: int | None) -> None:
-    """Build an estimator's solvers for the windows of every length.
-
-    Raises ValueError on a lag below ``LEAST_LAG``.
-    """
+    """Build solvers for windows of every length; ValueError on a lag below ``LEAST_LAG``."""
     if not hasattr(estimator, "warm_up"):
         return
     for dropped in Samples(problem, lag).lags():
@@ -207,10 +198,7 @@ def as_estimate(result: Any) -> Estimate:
 
 
 def checked_lag(lag: int | None) -> int | None:
-    """A lag, or None for all samples.
-
-    Raises ValueError unless it is an integer of at least ``LEAST_LAG``.
-    """
+    """A lag, None for all samples; ValueError unless an integer of at least ``LEAST_LAG``."""
     whole = isinstance(lag, int) and not isinstance(lag, bool)
     if lag is not None and not (whole and lag >= LEAST_LAG):
         raise ValueError(f"a lag is a number of samples of at least {LEAST_LAG}, got {lag!r}")

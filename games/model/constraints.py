@@ -97,10 +97,7 @@ class Ellipse:
 
 @dataclass(frozen=True)
 class ControlBound:
-    """``lower <= control component <= upper``, in the component's unit; None where unbounded.
-
-    Raises ValueError if the range has no width.
-    """
+    """``lower <= control component <= upper``; None where unbounded; ValueError on no width."""
 
     players: tuple[int]
     component: str
@@ -123,10 +120,7 @@ class ControlBound:
 
 @dataclass(frozen=True)
 class StateBound:
-    """``lower <= state component <= upper``, in the component's unit; None where unbounded.
-
-    Raises ValueError if the range has no width.
-    """
+    """``lower <= state component <= upper``; None where unbounded; ValueError on no width."""
 
     players: tuple[int]
     component: str
@@ -183,10 +177,7 @@ def described(constraint: Constraint) -> str:
 
 
 def constraint_unknowns(constraints: Sequence[Constraint]) -> dict[str, tuple[Unknown, int]]:
-    """Unknowns that constraints hold, by name, with the first player of the first such constraint.
-
-    Raises ValueError if unknowns of one name differ.
-    """
+    """Unknowns of constraints by name, each with a first player; ValueError if two differ."""
     found: dict[str, tuple[Unknown, int]] = {}
     for constraint in constraints:
         for unknown in unknowns_of(constraint):

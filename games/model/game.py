@@ -157,10 +157,7 @@ class Game:
         return f"the {unknown.name} of player {player}"
 
     def with_known_constraints(self, theta: np.ndarray) -> tuple["Game", np.ndarray]:
-        """The game in which what constraints leave unknown is known, and its theta.
-
-        Theta (N, K + U) is of this game; values may be out of their ranges.
-        """
+        """The game in which constraints' unknowns are known from theta (N, K + U); its theta."""
         if not self._unknown_constraints:
             return self, theta
         known = copy(self._without_constraints)  # checks of a thousand games would take a second
@@ -224,11 +221,7 @@ class Game:
         return np.asarray(weights / totals)
 
     def check_theta(self, theta: np.ndarray) -> np.ndarray:
-        """Theta as float64 (N, K + U): weights, scaled to sum one, and standardised parameters.
-
-        Raises:
-            ValueError: on a wrong shape, parameters that are not finite, and as ``check_weights``.
-        """
+        """Theta as float64 (N, K + U); ValueError as ``check_weights``, or if not finite."""
         theta = np.asarray(theta, dtype=float)
         expected = (self.num_players, self.num_weights + self.parameters.count)
         if theta.shape != expected:

@@ -265,10 +265,7 @@ class LaneKeeping:
         return len(self.route)
 
     def resized(self, size: int) -> "RouteTable":
-        """The same cost as a table of ``size`` lanes; the last one is repeated, without effect.
-
-        Raises ValueError if the route is longer.
-        """
+        """The same cost as a table of ``size`` lanes, the last repeated; ValueError if too few."""
         spare = size - len(self.route)
         if spare < 0:
             raise ValueError(f"a route of {len(self.route)} lanes does not fit into {size}")

@@ -111,10 +111,7 @@ _LITERAL = (LiteralFeature, LiteralView, LiteralStep)
 
 @lru_cache(maxsize=256)
 def structure_and_numbers(game: Game) -> tuple[Structure, np.ndarray]:
-    """The structure of a game, and its numbers (N, P): dt and those of each player's features.
-
-    Players with fewer numbers than others have zeros behind them. The array is read-only.
-    """
+    """A game's structure, and numbers (N, P), read-only: dt, each player's features, then zeros."""
     dt, dynamics = float(game.dt), game.dynamics
     if not _step_takes_symbols(dynamics, _Example(None, dt)):
         dynamics = replace(dynamics, step=LiteralStep(dynamics.step, dt))

@@ -56,10 +56,7 @@ class View(ABC):
         return -limit, limit
 
     def noise_scale(self, scale: np.ndarray, dynamics: Components) -> np.ndarray:
-        """Relative standard deviations (d,) of the noise: times sigma, in the components' units.
-
-        ``scale`` (n,) holds those of the state's components, which are one for positions [m].
-        """
+        """Standard deviations (d,) over sigma in components' units, from the state's (n,)."""
         return np.ones(observation_size(self, dynamics))
 
     def read_off(self, y: np.ndarray, dynamics: Components) -> dict[str, np.ndarray]:
@@ -201,10 +198,7 @@ class RangeBearingView(View):
 
 @dataclass(frozen=True)
 class StackedView(View):
-    """Views applied in turn, the lowest first: each observes the output of the one below.
-
-    Raises ValueError at its first use, if a view removed a component that one above it needs.
-    """
+    """Views in turn, the lowest first; ValueError at first use if a component is gone."""
 
     views: tuple[View, ...]
 
@@ -295,10 +289,7 @@ class WhitenedView(View):
 
 
 def whitening(covariance: np.ndarray | Sequence[Sequence[float]]) -> np.ndarray:
-    """W (d, d), lower triangular, that turns noise of that covariance into unit white noise.
-
-    Raises ValueError unless the covariance is symmetric and positive definite.
-    """
+    """W (d, d), lower triangular, that whitens noise; ValueError on what is no covariance."""
     covariance = np.asarray(covariance, dtype=float)
     if covariance.ndim != 2 or covariance.shape[0] != covariance.shape[1]:
         raise ValueError(f"a covariance is a square matrix, got the shape {covariance.shape}")

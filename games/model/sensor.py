@@ -31,10 +31,7 @@ class NoiseLayer(ABC):
 
     @abstractmethod
     def covariance(self, scale: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-        """Covariance (d, d) relative to sigma^2, from noise scales (d,) and names of components.
-
-        Raises ValueError if it does not fit those components.
-        """
+        """Covariance (d, d) over sigma^2, from scales (d,) and names; ValueError on a misfit."""
 
 
 @dataclass(frozen=True)
@@ -96,10 +93,7 @@ class GapsLayer(ABC):
 
 @dataclass(frozen=True)
 class Drops(GapsLayer):
-    """Each player is missed with probability p, independently of the others and of the past.
-
-    Raises ValueError if p is not a probability.
-    """
+    """Each player is missed with probability p, independently; ValueError if p is none."""
 
     p: float
 

@@ -69,10 +69,7 @@ class Unknown:
 
 
 def unknowns_of(thing: Any) -> tuple[Unknown, ...]:
-    """The unknowns of a dataclass or a tuple of them, each name once, in their order.
-
-    Raises ValueError if unknowns of one name differ.
-    """
+    """The unknowns of a dataclass or a tuple of them, in order; ValueError if one name differs."""
     found: dict[str, Unknown] = {}
 
     def note(unknown: Unknown) -> Unknown:
@@ -153,10 +150,7 @@ class Parameters:
         return np.where(self.used, (values - self.means) / self.deviations, 0.0)
 
     def check(self, values: np.ndarray) -> np.ndarray:
-        """Values (N, U) as float64.
-
-        Raises ValueError on a wrong shape, or a number that is missing or out of its range.
-        """
+        """Values (N, U) as float64; ValueError on a wrong shape, or one missing or out of range."""
         values = np.asarray(values, dtype=float)
         if values.shape != (len(self.unknowns), self.count):
             raise ValueError(
@@ -190,9 +184,6 @@ def only_weights(parameters: Parameters) -> str | None:
 
 
 def refuse_unknowns(parameters: Parameters, who: str) -> None:
-    """Refuse a game that has unknowns besides its weights.
-
-    Raises ValueError if it has; the message names who refuses, player and parameters.
-    """
+    """Refuse unknowns besides weights; ValueError names who refuses, player and parameters."""
     if reason := only_weights(parameters):
         raise ValueError(f"{who} {reason}")

@@ -66,10 +66,7 @@ def solve_constrained(
     *,
     tolerance: float,
 ) -> Equilibrium:
-    """Find a variational equilibrium; the arguments are those of ``games.solve.olne.solve_olne``.
-
-    Raises ValueError if the start breaks a constraint and no control can change that.
-    """
+    """Find a variational equilibrium, as ``solve_olne``; ValueError if the start is infeasible."""
     solution = variational_solution(game, weights, initial_state, controls)
     root, multipliers = as_root(game, solution, weights)
     solver = interior_elimination(game)
@@ -236,10 +233,7 @@ def _attempted(
 
 
 def _starts(game: Game, solver: Elimination, plans: np.ndarray) -> list[np.ndarray]:
-    """The plans (T, size); if two nearly coincide, each of the two players ahead once.
-
-    Two do where a shared margin is nearly what it is at one and the same position.
-    """
+    """The plans (T, size); if two nearly coincide at a margin, each of the two ahead once."""
     n, shared = game.dynamics.state_size, {}
     for place, constraint in zip(solver.stages.constraints, game.constraints, strict=True):
         if len(constraint.players) == 2:
@@ -271,11 +265,7 @@ def _starts(game: Game, solver: Elimination, plans: np.ndarray) -> list[np.ndarr
 
 
 def check_start(game: Game, initial_state: np.ndarray) -> None:
-    """Refuse a start at which constraints are broken, whatever the controls.
-
-    Raises:
-        ValueError: one line that names the constraint, its players and the step.
-    """
+    """Refuse a start that breaks constraints; ValueError names constraint, players and step."""
     still = np.zeros(game.control_shape[1:])
     moved = np.array(numeric_step(game.dynamics, game.dt)(initial_state.T, still.T)).T
     for constraint in game.constraints:

@@ -89,10 +89,7 @@ def weight_covariance(
     noise_scale: np.ndarray | None = None,
     noise_covariance: np.ndarray | None = None,
 ) -> np.ndarray | None:
-    """Cramer-Rao bound of the weights (N*K, N*K) for unit noise; None if not identifiable.
-
-    Multiply by sigma^2. The arguments are those of ``observation_sensitivity``.
-    """
+    """Cramer-Rao bound of the weights (N*K, N*K) for unit noise; None if not identifiable."""
     sensitivity = observation_sensitivity(
         game,
         view,
@@ -107,10 +104,7 @@ def weight_covariance(
 
 
 def of_seen(sensitivity: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """The rows of an ``observation_sensitivity`` whose samples in y (T, N, d) are not missing.
-
-    With correlated noise, only whole blocks (d,) may be missing.
-    """
+    """The rows of an ``observation_sensitivity`` whose samples in y (T, N, d) are not missing."""
     return np.asarray(sensitivity[np.isfinite(y).ravel()])
 
 
