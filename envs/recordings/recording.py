@@ -88,10 +88,7 @@ def record(scenario: Scenario) -> Recording:
 
 
 def recorded(scenario: Scenario, root: Root, certificate: Certificate) -> Recording:
-    """The recording of an equilibrium, or of what is driven instead.
-
-    Raises NoEquilibriumError where what is driven instead is not found.
-    """
+    """The recording of an equilibrium, or of what is driven instead; else NoEquilibriumError."""
     own = Recording(
         scenario=scenario,
         states=root.states,

@@ -229,7 +229,7 @@ def write_draws(path: Path, draws: Draws) -> None:
 
 
 def read_draws(path: Path) -> Draws:
-    """Read a file of draws, and keep the latest; OtherDrawsError if unread, damaged or too old."""
+    """Read and keep a file of draws; OtherDrawsError if it is damaged or of another version."""
     try:
         content = unsealed(path.read_bytes())
     except OSError as error:

@@ -1,13 +1,11 @@
 """Block elimination along time for the first-order conditions: ``elimination.c``, by ``ctypes``.
 
 Every row of G couples neighbouring steps only (names as in ``games.compiled.stage_functions``), so
-a linear system with G_z is solved by one backward and one forward sweep in time, as in a Riccati
-recursion. The recursion is not symmetric, as each player minimises another cost. With the changes
-x, u, lambda of the unknowns at a point and right-hand sides a, b, d of the rows rx, ru, rf:
+a backward and a forward sweep in time solve a linear system with G_z, as in a Riccati recursion,
+which is not symmetric here. With changes x, u, lambda and right-hand sides a, b, d of rx, ru, rf:
 
     (E1)  lambda_{t-1} + Q x_t + P u_t - A' lambda_t = a_t,    lambda_{T-1} + Q_T x_T = a_T
           S x_t + R u_t - B' lambda_t = b_t,    x_{t+1} - A x_t - B u_t = d_t
-
     (E2)  ansatz lambda_{t-1} = v_t - V_t x_t, with V_T = Q_T, v_T = a_T
     (E3)  M = R + B' V B,   S^ = S + B' V A,   L = P + A' V B,   K = M^-1 S^      (V of t+1)
     (E4)  V_t = Q + A' V A - L K
@@ -15,23 +13,18 @@ x, u, lambda of the unknowns at a point and right-hand sides a, b, d of the rows
     (E6)  u_t = k - K x_t,   x_{t+1} = A x_t + B u_t + d_t, then lambda backwards by (E1)
 
 The transposed system G_z' (p, q, r) = (a, b, d) has the shape of (E1) with Q', S', P', R', hence
-V', M', and L' and S^' change places. The columns of
+V', M', and L' and S^' change places. Directions along G = 0 are Z times a change of (x_1, theta),
+so W is all of the inverse problem's Hessian H that is needed:
 
-    (E7)  Z = d(x, u, lambda) / d(x_1, theta) along G = 0
+    (E7)  Z = d(x, u, lambda) / d(x_1, theta): (E5), (E6) for x_1 = I, or a = -X, b = -U, d = 0
+    (E8)  W = Z' H Z
 
-are (E5), (E6) for a = -X, b = -U, d = 0 (weights) and for x_1 = I (initial state). As every
-direction along G = 0 is Z times a change of (x_1, theta), the inverse problem's Hessian H is needed
-only as
-
-    (E8)  W = Z' H Z.
-
-Arrays over time have T rows: z_t = (x_t, u_t, lambda_t), residuals (rx_t, ru_t, rf_t), multipliers
-(p_t, q_t, r_t); entries that do not exist (rx_1, u_T, ...) are zero.
+Arrays have T rows (x_t, u_t, lambda_t), (rx_t, ru_t, rf_t) or (p_t, q_t, r_t); zero for no entry.
 """
 
 import copy
 import ctypes
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cached_property, lru_cache
 
 import numpy as np
@@ -49,25 +42,13 @@ from olne_bench.games.model.observation import VIEWS, View
 from olne_bench.games.model.unknowns import at_means, unknowns_of
 
 
-@dataclass(frozen=True)
-class Responses:
-    """Locally optimal responses of one player from B first plans."""
-
-    controls: np.ndarray  # (B, T-1, m)
-    #: (B, T-1, n), of the player's own state, in the sign convention of ``games.solve.kkt``.
-    costates: np.ndarray
-    costs: np.ndarray  # (B,) J^i
-    converged: np.ndarray  # (B,) whether the optimiser reached a stationary point
-    iterations: np.ndarray  # (B,) Newton steps
-
-
 class Elimination:
     """Evaluates, factorises and solves one game's first-order conditions.
 
-    An object holds the last factorisation and its work space, so threads must not share it. All
-    methods raise ValueError on an array of the wrong shape. The C functions of ``library`` take
-    ``work`` by reference. ``enforced`` (T, C) says in which steps each margin is enforced; where
-    constraints are equations, each of (C2) in ``games.compiled.complementarity``.
+    It holds the last factorisation and its work space, so threads must not share it. All methods
+    raise ValueError on an array of the wrong shape. The C functions of ``library`` take ``work`` by
+    reference. ``enforced`` (T, C) says in which steps each margin is; where constraints are
+    equations, each of (C2) in ``games.compiled.complementarity``.
     """
 
     def __init__(
@@ -84,11 +65,9 @@ class Elimination:
         self.enforced = _enforced(stages, horizon)
         self._columns = stages.num_states + stages.num_weights
         self._shape = (horizon, stages.size)
-        view_shape = (stages.loss.num_numbers,)
-        numbers = dense("numbers", numbers, (stages.num_players, numbers.shape[1]))
         self._arrays = work_space(stages, horizon) | {
-            "numbers": numbers,
-            "view_numbers": dense("view_numbers", view_numbers, view_shape),
+            "numbers": dense("numbers", numbers, (stages.num_players, numbers.shape[1])),
+            "view_numbers": dense("view_numbers", view_numbers, (stages.loss.num_numbers,)),
             "constraint_numbers": dense("numbers", constraint_numbers, constraint_numbers.shape),
             "enforced": self.enforced.astype(float),
         }
@@ -139,16 +118,20 @@ class Elimination:
         self.work.samples = self._samples.ctypes.data
         self.work.precision = self._precision.ctypes.data
 
+    def point(self, z: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A trajectory (T, size) and weights theta (N*K,) as C reads them."""
+        return self._rows("z", z), self._weights(theta)
+
     def evaluate(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Residual G (T, size) at z (T, size) and weights theta (N*K,)."""
         residual = np.empty(self._shape)
-        self.library.evaluate(self.work, self._rows("z", z), self._weights(theta), residual)
+        self.library.evaluate(self.work, *self.point(z, theta), residual)
         return residual
 
     def costs(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """The players' costs J^i (N,) along a trajectory (T, size)."""
         found = np.empty(self.stages.num_players)
-        self.library.costs(self.work, self._rows("z", z), self._weights(theta), found)
+        self.library.costs(self.work, *self.point(z, theta), found)
         return found
 
     def observation_loss(self, z: np.ndarray) -> tuple[float, np.ndarray]:
@@ -160,7 +143,7 @@ class Elimination:
     def step_margins(self, z: np.ndarray, theta: np.ndarray) -> np.ndarray:
         """Margins h (T-1, C) of (C2) where constraints are equations; z (T, size)."""
         out = np.empty((self.horizon - 1, self.stages.num_multipliers))
-        self.library.step_margins(self.work, self._rows("z", z), self._weights(theta), out)
+        self.library.step_margins(self.work, *self.point(z, theta), out)
         return out
 
     def margins(self, z: np.ndarray) -> np.ndarray:
@@ -183,8 +166,7 @@ class Elimination:
 
     def linearise(self, z: np.ndarray, theta: np.ndarray) -> bool:
         """Factorise G_z at a point, (E2) to (E4); False where a stage matrix is singular."""
-        status = self.library.linearise(self.work, self._rows("z", z), self._weights(theta))
-        return bool(status)
+        return bool(self.library.linearise(self.work, *self.point(z, theta)))
 
     def linearise_condensed(
         self, z: np.ndarray, theta: np.ndarray, v: np.ndarray, sigma: np.ndarray, shift: float
@@ -194,9 +176,10 @@ class Elimination:
         Multipliers v and weights sigma are (T, C). False unless the symmetric part of every stage
         matrix M is positive definite.
         """
-        point = self._rows("z", z), self._weights(theta)
         margins = self._margins("v", v), self._margins("sigma", sigma)
-        return bool(self.library.linearise_condensed(self.work, *point, *margins, shift))
+        return bool(
+            self.library.linearise_condensed(self.work, *self.point(z, theta), *margins, shift)
+        )
 
     def solve(self, right: np.ndarray, *, transposed: bool = False) -> np.ndarray:
         """Solve G_z out = right (T, size), or G_z' out = right, with x_1 (p_1) zero: (E5), (E6)."""
@@ -214,8 +197,8 @@ class Elimination:
     ) -> np.ndarray:
         """W (E8) of loss + multipliers' G, after ``sensitivities``: (N*n + N*K,) squared."""
         W = np.empty((self._columns, self._columns))
-        point = self._rows("z", z), self._weights(theta)
-        self.library.reduced_hessian(self.work, *point, self._rows("multipliers", multipliers), W)
+        rows = self._rows("multipliers", multipliers)
+        self.library.reduced_hessian(self.work, *self.point(z, theta), rows, W)
         return W
 
     def trajectory_metric(self) -> np.ndarray:
@@ -298,57 +281,6 @@ class Elimination:
         """What solves so many games."""
         return (self.four if count > 1 else None) or self
 
-    def responses(
-        self,
-        player: int,
-        plans: np.ndarray,
-        z: np.ndarray,
-        theta: np.ndarray,
-        *,
-        tolerance: float = 1e-12,
-        max_iterations: int = 200,
-    ) -> Responses:
-        """Best responses of one player to the others' motion z (T, size), from plans (B, T-1, m).
-
-        Newton's method stops where its step promises less than ``tolerance`` of 1 + |J^i|.
-        """
-        stages, count, steps = self.stages, len(plans), self.horizon - 1
-        sizes = [stages.own_controls, stages.num_states // stages.num_players]
-        plans = dense("plans", plans, (count, steps, sizes[0])).copy()
-        costates, costs = np.zeros((count, steps, sizes[1])), np.empty(count)
-        stops, iterations = np.empty((2, count), dtype=np.int32)
-        self.library.responses(
-            *(self.work, player, count, self._rows("z", z), self._weights(theta)),
-            *(tolerance, max_iterations, plans, costates, costs, stops, iterations),
-            np.empty(self.library.response_space(self.horizon)),
-        )
-        return Responses(plans, costates, costs, stops != 0, iterations)
-
-    def respond_in_turn(
-        self,
-        z: np.ndarray,
-        theta: np.ndarray,
-        *,
-        first: int,
-        damping: float,
-        settled: float,
-        max_rounds: int,
-        max_steps: int,
-    ) -> np.ndarray:
-        """Iterated best response from a feasible z (T, size), with costates (``games.solve``).
-
-        ``settled`` is the tolerance of ``games.solve.best_response``, ``max_steps`` its
-        ``max_iterations``.
-        """
-        z = self._rows("z", z).copy()
-        tolerance, max_iterations = 1e-12, 200  # of each response
-        self.library.respond_in_turn(
-            *(self.work, first, z, self._weights(theta), damping, settled, tolerance),
-            *(max_iterations, max_rounds, max_steps),
-            np.empty(self.library.response_space(self.horizon)),
-        )
-        return z
-
     def _rows(self, name: str, array: np.ndarray) -> np.ndarray:
         return dense(name, array, self._shape)
 
@@ -394,8 +326,7 @@ def interior_elimination(game: Game, known: Game | None = None) -> Elimination:
     missing.
     """
     if known is not None and known is not game:
-        numbers = numbers_table(known.constraints, known.dt)
-        return _interior_elimination(game).constrained(numbers)
+        return _interior_elimination(game).constrained(numbers_table(known.constraints, known.dt))
     for constraint in game.constraints:
         if unknowns := unknowns_of(constraint):
             names = ", ".join(unknown.name for unknown in unknowns)

@@ -97,7 +97,7 @@ class Ellipse:
 
 @dataclass(frozen=True)
 class ControlBound:
-    """``lower <= control component <= upper``; None where unbounded; ValueError on no width."""
+    """``lower <= control component <= upper``, None if unbounded; ValueError without width."""
 
     players: tuple[int]
     component: str
@@ -120,7 +120,7 @@ class ControlBound:
 
 @dataclass(frozen=True)
 class StateBound:
-    """``lower <= state component <= upper``; None where unbounded; ValueError on no width."""
+    """``lower <= state component <= upper``, None if unbounded; ValueError without width."""
 
     players: tuple[int]
     component: str

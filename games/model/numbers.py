@@ -166,10 +166,7 @@ def numbers_of(thing: Any) -> tuple[float, ...]:
 
 
 def with_symbols(thing: Any, symbols: ca.SX) -> Any:
-    """A copy of a dataclass, or of a tuple of them, with a column of symbols for its numbers.
-
-    Further symbols than ``numbers_of`` finds are not used.
-    """
+    """A copy of a dataclass, or a tuple of them, whose numbers are a column's first symbols."""
     remaining = iter(ca.vertsplit(symbols))
     return with_numbers(thing, lambda _: next(remaining))
 

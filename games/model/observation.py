@@ -56,7 +56,7 @@ class View(ABC):
         return -limit, limit
 
     def noise_scale(self, scale: np.ndarray, dynamics: Components) -> np.ndarray:
-        """Standard deviations (d,) over sigma in components' units, from the state's (n,)."""
+        """Standard deviations (d,) of noise over sigma, from those of state components (n,)."""
         return np.ones(observation_size(self, dynamics))
 
     def read_off(self, y: np.ndarray, dynamics: Components) -> dict[str, np.ndarray]:

@@ -31,7 +31,7 @@ class NoiseLayer(ABC):
 
     @abstractmethod
     def covariance(self, scale: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
-        """Covariance (d, d) over sigma^2, from scales (d,) and names; ValueError on a misfit."""
+        """Covariance (d, d) over sigma^2 from scales (d,) and names; ValueError on a misfit."""
 
 
 @dataclass(frozen=True)
@@ -93,7 +93,7 @@ class GapsLayer(ABC):
 
 @dataclass(frozen=True)
 class Drops(GapsLayer):
-    """Each player is missed with probability p, independently; ValueError if p is none."""
+    """Each player is missed with probability p, independently; ValueError on p out of range."""
 
     p: float
 

@@ -4,21 +4,37 @@ Iterated best response (IBR, Wang et al. 2019; the paper's ground truth) leads i
 equilibrium where Newton's method from other starts ends at a saddle point of somebody's cost.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from olne_bench.games.compiled.elimination import Responses, elimination
+from olne_bench.games.compiled.bindings import dense
+from olne_bench.games.compiled.elimination import elimination
 from olne_bench.games.model.constraints import refuse_constraints
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.game import Game
 from olne_bench.games.solve.newton import Root, rows, unpack
+
+#: Of each response: the share of 1 + |J^i| that a last step promises, and Newton steps.
+_TOLERANCE, _MAX_ITERATIONS = 1e-12, 200
 
 #: Plans have settled if no control changes by more than this in one round.
 _SETTLED = 1e-3
 
 #: Steps by which the horizon of ``grown_plans`` grows, and number that it begins with.
 GROWTH, LEAST = 2, 3
+
+
+@dataclass(frozen=True)
+class Responses:
+    """Locally optimal responses of one player from B first plans."""
+
+    controls: np.ndarray  # (B, T-1, m)
+    #: (B, T-1, n), of the player's own state, in the sign convention of ``games.solve.kkt``.
+    costates: np.ndarray
+    costs: np.ndarray  # (B,) J^i
+    converged: np.ndarray  # (B,) whether the optimiser reached a stationary point
+    iterations: np.ndarray  # (B,) Newton steps
 
 
 def best_responses(
@@ -29,8 +45,8 @@ def best_responses(
     controls: np.ndarray,
     weights: np.ndarray,
     *,
-    tolerance: float = 1e-12,
-    max_iterations: int = 200,
+    tolerance: float = _TOLERANCE,
+    max_iterations: int = _MAX_ITERATIONS,
 ) -> Responses:
     """Minimise the player's cost over its own trajectory, from several first plans.
 
@@ -40,10 +56,17 @@ def best_responses(
     the game has constraints (``games.solve.constrained_response`` honours them).
     """
     refuse_constraints(game.constraints, "best_responses")
+    solver, count = elimination(game), len(plans)
     z = rows(game, states, controls, np.zeros_like(states[1:]))
-    return elimination(game).responses(
-        player, plans, z, np.ravel(weights), tolerance=tolerance, max_iterations=max_iterations
+    plans = dense("plans", plans, (count, *controls[:, player].shape)).copy()
+    costates, costs = np.zeros((count, *states[1:, player].shape)), np.empty(count)
+    stops, iterations = np.empty((2, count), dtype=np.int32)
+    solver.library.responses(
+        *(solver.work, player, count, *solver.point(z, np.ravel(weights))),
+        *(tolerance, max_iterations, plans, costates, costs, stops, iterations),
+        np.empty(solver.library.response_space(game.horizon)),
     )
+    return Responses(plans, costates, costs, stops != 0, iterations)
 
 
 def iterated_best_response(
@@ -74,14 +97,13 @@ def iterated_best_response(
     Returns the last plans; the residual is infinity, as IBR does not evaluate G.
     """
     states = rollout(game.dynamics, initial_state, controls, game.dt)
-    z = elimination(game).respond_in_turn(
-        rows(game, states, controls, np.zeros_like(states[1:])),
-        np.ravel(weights),
-        first=first,
-        damping=damping,
-        settled=tolerance,
-        max_rounds=max_rounds,
-        max_steps=max_iterations,
+    solver = elimination(game)
+    z, theta = solver.point(
+        rows(game, states, controls, np.zeros_like(states[1:])), np.ravel(weights)
+    )
+    solver.library.respond_in_turn(
+        *(solver.work, first, z, theta, damping, tolerance, _TOLERANCE, _MAX_ITERATIONS),
+        *(max_rounds, max_iterations, np.empty(solver.library.response_space(game.horizon))),
     )
     return Root(*unpack(game, z), residual=float("inf"))
 

@@ -65,7 +65,7 @@ def test_far_responses_are_stationary_feasible_and_no_worse_than_their_plans(pla
         plan = 0.5 * found.controls[::-1, player]
         states, controls = deviating(scenario, found, player, plan)
         z = rows(game, states, controls, found.costates)
-        result = solver.responses(player, plan[None], z, theta)
+        result = best_responses(game, player, plan[None], states, controls, scenario.weights)
         if not result.converged[0]:
             continue
         assert result.costs[0] <= solver.costs(z, theta)[player]
