@@ -244,10 +244,7 @@ class _Filter:
         self.centre = self._regression.centre
 
     def take_in(self, t: int, sample: np.ndarray) -> None:
-        """(U1) to (U6) for one measurement.
-
-        Raises LostError if there is no equilibrium at the mean, or the shares become too small.
-        """
+        """(U1) to (U6) for one measurement; LostError without game, or if shares get too small."""
         seen, left = np.isfinite(sample), 1.0
         for _ in range(_MOST_SHARES):
             if not self._regression.serves(self.belief, self.centre, t, seen, self._sigma):
@@ -261,10 +258,7 @@ class _Filter:
         raise LostError("a measurement is too precise for the filter to take in")
 
     def _use(self, share: float, t: int, sample: np.ndarray, seen: np.ndarray) -> float:
-        """(U4) with a share of a measurement, or as much of it as leads to a game; what was used.
-
-        Raises LostError if nothing of it does.
-        """
+        """(U4) with a share of a measurement, or what of it leads to a game; LostError if none."""
         regression = self._regression
         bend = regression.mean[t, seen] - regression.centre[t, seen]
         slopes, rest = regression.slopes[t, seen], regression.rest(t, seen)
@@ -279,10 +273,7 @@ class _Filter:
         raise LostError("no equilibrium where a measurement takes the filter's mean")
 
     def _regressed(self) -> Regression:
-        """(U1) to (U3) with the widest set of sigma points that all have a game.
-
-        Raises LostError if the mean has no equilibrium.
-        """
+        """(U1) to (U3) with the widest set of sigma points that have games; LostError if none."""
         belief = self.belief
         for alpha in self._alphas:
             rows = self._expected(_sigma_points(belief, alpha))

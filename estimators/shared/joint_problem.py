@@ -110,10 +110,7 @@ class JointSettings:
             )
 
     def check_floor(self, num_weights: int) -> None:
-        """Check that some weights satisfy the floor.
-
-        Raises ValueError if none do; the message gives the floor and its range.
-        """
+        """Check that some weights satisfy the floor; ValueError gives the floor and its range."""
         if not 0 <= self.weight_floor * num_weights < 1:
             raise ValueError(
                 f"weight_floor must be in [0, {1 / num_weights:g}) for "

@@ -68,9 +68,9 @@ _MOST_SPREAD = 12
 def joint_attempts(
     problem: Problem, y: np.ndarray, settings: JointSettings, deadline: float
 ) -> Iterator[JointSolution]:
-    """Solve the joint problem from one start after the other until that suffices, or the deadline.
+    """Solve for y (T, N, d), NaN where missing, with white noise, until a start suffices.
 
-    The noise is white, y is (T, N, d), NaN where missing; the deadline in s of ``time.monotonic``.
+    The deadline is in seconds of ``time.monotonic``.
     """
     search = Search.of(problem, y, settings, deadline)
     for start, barrier in starts(problem, y, search):

@@ -102,10 +102,7 @@ class OuterResiduals:
         )
 
     def values(self, unknowns: np.ndarray) -> np.ndarray:
-        """Errors of all samples that were seen, infinite if there is no equilibrium.
-
-        Raises StoppedError after the deadline.
-        """
+        """Errors of all samples seen, infinite without equilibrium; StoppedError if it is late."""
         if time.monotonic() > self._deadline:
             raise StoppedError(NO_TIME)
         games = self._play(unknowns)
@@ -122,10 +119,7 @@ class OuterResiduals:
         return np.concatenate(errors)
 
     def jacobian(self, unknowns: np.ndarray) -> np.ndarray:
-        """Derivative of ``values``, exact; later games are followed from this point.
-
-        Raises StoppedError if the equilibrium is not a function of the unknowns.
-        """
+        """Derivative of ``values``, exact; later games start here; StoppedError at a fold."""
         games = self._play(unknowns)
         try:
             if games is None:

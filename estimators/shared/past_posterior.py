@@ -74,10 +74,7 @@ class Tangent:
 
 @dataclass(frozen=True)
 class Linearised:
-    """-log pi_t at a point, its gradient (n,), and its Hessian (n, n) by Gauss and Newton.
-
-    The objective leaves out the logarithm of the prior's normalisation.
-    """
+    """-log pi_t at a point, up to a constant, its gradient (n,), and Gauss and Newton's Hessian."""
 
     tangent: Tangent
     objective: float

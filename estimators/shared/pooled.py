@@ -46,11 +46,7 @@ class Together:
 
 
 def checked(motions: Sequence[Recorded]) -> list[Recorded]:
-    """Motions with white noise.
-
-    Raises:
-        ValueError: on no motion, drivers that do not fit, other weights, or an unknown noise level.
-    """
+    """Motions with white noise; ValueError on none, misfits, or an unknown noise level."""
     if not motions:
         raise ValueError("at least one motion is needed, got none")
     names, known = motions[0].problem.weight_names, set[int]()

@@ -54,10 +54,7 @@ class FilterRun(ABC):
         """The covariance of the weights (N*K, N*K), and further extras of the estimate."""
 
     def take_in(self, observation: Observation) -> None:
-        """Filter a trajectory, starting from the current belief about the weights.
-
-        Raises LostError if the filter cannot continue.
-        """
+        """Filter a trajectory from the current belief about the weights; LostError if it fails."""
         problem, given = self._problem, (self.belief, self._spread, self._deadline)
         begin = outset(problem, observation, *given, peek=self._peek)
         self.games = begin.games

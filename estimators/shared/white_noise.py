@@ -34,10 +34,7 @@ def white_problem(problem: Problem) -> Problem:
 def with_white_noise(
     problem: Problem, observation: Observation | Sequence[Observation]
 ) -> tuple[Problem, tuple[Observation, ...]]:
-    """The equivalent problem of independent noise, and its observations in double precision.
-
-    Raises ValueError as in ``check_observations``.
-    """
+    """The problem with independent noise, observations in float64; as ``check_observations``."""
     observations = check_observations(problem, observation)
     matrix = None
     if problem.noise_covariance is not None:

@@ -83,10 +83,7 @@ def _played(game: Game, free: JointPoint) -> JointPoint:
 
 
 def seen_then_free(problem: Problem, y: np.ndarray) -> JointPoint:
-    """The samples (T, N, d), slightly smoothed, then each player's best plan alone; no costates.
-
-    Hard constraints do not count here.
-    """
+    """The samples (T, N, d), smoothed, then each player's best plan alone, without constraints."""
     game, states = problem.game, _shown_states(problem, y)
     if (shown := len(states)) < game.horizon:
         ahead = drive_alone(replace(game, horizon=game.horizon - shown + 1), states[-1])

@@ -74,10 +74,7 @@ def backend() -> str:
 
 @lru_cache(maxsize=64)
 def load(source: str, *flags: str) -> ctypes.CDLL:
-    """The library of a source, compiled or kept; UserError if there is no compiler, or it fails.
-
-    Further flags follow those that all code is compiled with.
-    """
+    """The library of a source with further flags; UserError without compiler, or if it fails."""
     command = _compiler()
     try:
         return _load(command, source, (*_processor_flags(command), *flags))

@@ -139,11 +139,7 @@ class StageFunctions:
 
 
 def stage_functions(game: Game, view: View, *, condensed: bool = False) -> StageFunctions:
-    """Derive (or fetch) the stage functions of a game's structure and an observation model.
-
-    Constraints are condensed (``games.compiled.constraint_functions``) or else equations
-    (``games.compiled.complementarity``).
-    """
+    """Derive (or fetch) the stage functions of a game; constraints are condensed, or equations."""
     structure, _ = structure_and_numbers(game)
     own_view = view_and_numbers(view, structure.dynamics)[0]
     return _stage_functions(structure, own_view, condensed)
