@@ -23,10 +23,10 @@ from olne_bench.plugins import ESTIMATOR, is_built_in, make, names
 
 @dataclass(frozen=True)
 class Ignorant:
-    """Runs another estimator, named ``of``, with its default parameters and without constraints.
+    """Runs another estimator on the problem without its constraints.
 
-    Raises ValueError if there is no such built-in estimator: what a parameter names is not shut in
-    as a plugin is.
+    Its name is ``of``, its parameters are the default ones. Raises ValueError if there is no such
+    built-in estimator: what a parameter names is not shut in as a plugin is.
     """
 
     name: ClassVar[str] = "ignorant"

@@ -58,7 +58,9 @@ _ROUNDS, _STILL, _NEAR = 8, 1e-4, 1e-3
 
 @dataclass(frozen=True)
 class Map(KktConstrained):
-    """The most probable point under a prior of the weights; ValueError on a parameter out of range.
+    """The most probable point under a prior of the weights.
+
+    Raises ValueError on a parameter out of range.
 
     Attributes:
         solver: as of ``kkt_constrained``.

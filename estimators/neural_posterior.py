@@ -47,7 +47,10 @@ _NUMBER = re.compile(r"-?\d+\.\d*(e[+-]?\d+)?|-?\d+e[+-]?\d+")
 
 @dataclass(frozen=True)
 class NeuralPosterior:
-    """So many samples (``count``) of weights from a trained network; ValueError if out of range."""
+    """Samples of weights from a trained network.
+
+    There are ``count`` of them; ValueError if that is out of range.
+    """
 
     name: ClassVar[str] = "neural_posterior"
     count: int = 1000

@@ -96,7 +96,9 @@ class Cloud:
 
 @dataclass(frozen=True)
 class Particle(SampleFilter):
-    """Particles over weights, unknowns and initial states; ValueError on a parameter out of range.
+    """Particles over weights, unknowns and initial states.
+
+    Raises ValueError on a parameter out of range.
 
     Attributes:
         count: the effective sample size is at least a quarter of it after each measurement, half of

@@ -74,7 +74,9 @@ _SAME = 0.1
 
 @dataclass(frozen=True)
 class Posterior:
-    """Samples of weights, unknowns and initial state; ValueError on a parameter out of range.
+    """Samples of weights, unknowns and initial state.
+
+    Raises ValueError on a parameter out of range.
 
     Attributes:
         alpha: parameter of a symmetric Dirichlet distribution in place of the problem's prior.

@@ -9,7 +9,10 @@ from olne_bench.games.model.sensor import CorrelatedNoise, CovarianceNoise, Laye
 
 @dataclass(frozen=True)
 class Correlated:
-    """Noise with a correlation between components, or with a covariance, checked at first use."""
+    """Noise with a correlation between components, or with a given covariance.
+
+    Whether these are a covariance is checked once it is known what is seen.
+    """
 
     name: ClassVar[str] = "correlated"
     correlation: float = 0.7  # correlation between any two of the components
