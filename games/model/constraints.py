@@ -97,7 +97,10 @@ class Ellipse:
 
 @dataclass(frozen=True)
 class ControlBound:
-    """``lower <= control component <= upper``, None if unbounded; ValueError without width."""
+    """``lower <= control component <= upper`` in its unit, None if unbounded.
+
+    Raises ValueError if the range has no width.
+    """
 
     players: tuple[int]
     component: str
@@ -120,7 +123,10 @@ class ControlBound:
 
 @dataclass(frozen=True)
 class StateBound:
-    """``lower <= state component <= upper``, None if unbounded; ValueError without width."""
+    """``lower <= state component <= upper`` in its unit, None if unbounded.
+
+    Raises ValueError if the range has no width.
+    """
 
     players: tuple[int]
     component: str
