@@ -27,7 +27,7 @@ class MetricDeclaration:
         compared: whether estimators, and runs, are compared and ranked by it.
         drawn: whether the figure of errors has a row for it.
         summary: one of ``SUMMARIES``.
-        negligible: errors below this are rounding of solvers; figures draw them at the lower edge.
+        negligible: errors below are rounding of solvers; figures draw them at the lower edge.
         description: one sentence.
     """
 
@@ -72,10 +72,7 @@ class MetricDeclaration:
 
 
 def declare(metric: Any) -> MetricDeclaration:
-    """The declaration of a metric, read from the attributes and docstring of its class.
-
-    Args:
-        metric: a class with ``name`` and ``score``, or an instance of one.
+    """The declaration of a metric, read from the attributes and docstring of a class or instance.
 
     Raises:
         UserError: on a value that a declaration cannot have.

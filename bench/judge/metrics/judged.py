@@ -22,20 +22,8 @@ class HeldOut:
     prediction: np.ndarray
 
 
-def nothing_held_out() -> None:
-    """Held-out predictions of a trial that has none: None."""
-
-
-def nothing_sampled(most: int) -> None:
-    """Held-out predictions at samples of a trial that has none: None."""
-
-
-def no_ratio() -> None:
-    """The ratio of a trial that has none: None."""
-
-
-def nothing_ahead(seconds: float) -> None:
-    """What follows the last sample of a trial without a prediction: None."""
+def nothing(*_: float) -> None:
+    """What cannot be computed of a trial without a prediction: None."""
 
 
 @dataclass(frozen=True)
@@ -64,11 +52,11 @@ class Judged:
     estimate: Estimate
     prediction: np.ndarray | None
     sigma: float
-    held_out: Callable[[], tuple[HeldOut, ...] | None] = nothing_held_out
-    likelihood_ratio: Callable[[], float | None] = no_ratio
-    posterior_ratio: Callable[[], float | None] = no_ratio
-    held_out_samples: Callable[[int], np.ndarray | None] = nothing_sampled
-    ahead: Callable[[float], tuple[np.ndarray, np.ndarray] | None] = nothing_ahead
+    held_out: Callable[[], tuple[HeldOut, ...] | None] = nothing
+    likelihood_ratio: Callable[[], float | None] = nothing
+    posterior_ratio: Callable[[], float | None] = nothing
+    held_out_samples: Callable[[int], np.ndarray | None] = nothing
+    ahead: Callable[[float], tuple[np.ndarray, np.ndarray] | None] = nothing
 
     def __post_init__(self) -> None:
         for one in self.recordings:
