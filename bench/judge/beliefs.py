@@ -1,8 +1,8 @@
 """What an ego takes the others' weights and target speeds to be, while it drives among them."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -35,34 +35,29 @@ class _Known:
     worth: int  # number of samples that it was made from, and of those before
 
 
-class Beliefs(Protocol):
-    """What an ego knows of the others."""
+class Beliefs(ABC):
+    """What an ego knows of the others; most learn nothing from samples."""
 
-    def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:
+    def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:  # noqa: B027
         """Take samples (N, 4) of cars, the ego first."""
 
+    @abstractmethod
     def minds(self, cars: Sequence[Car]) -> list[Mind]:
         """The ego as it is, and the others as it takes them to be."""
 
 
-class TrueBeliefs:
+class TrueBeliefs(Beliefs):
     """Someone has told the ego all."""
-
-    def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:
-        pass
 
     def minds(self, cars: Sequence[Car]) -> list[Mind]:
         return [Mind(car.number, car.player, car.weights) for car in cars]
 
 
-class UniformBeliefs:
+class UniformBeliefs(Beliefs):
     """Equal weights for all others, and the middle of the target speeds on the road."""
 
     def __init__(self, road: DriveRoad) -> None:
         self._speed = middle_speed(road)
-
-    def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:
-        pass
 
     def minds(self, cars: Sequence[Car]) -> list[Mind]:
         ego, *others = cars
@@ -73,7 +68,7 @@ class UniformBeliefs:
         ]
 
 
-class EstimatedBeliefs:
+class EstimatedBeliefs(Beliefs):
     """The estimates of a stream; uniform weights and the middle speed until there are some.
 
     Where the cars change, another stream begins with the samples of the window at which all of its

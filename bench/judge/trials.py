@@ -13,7 +13,7 @@ import numpy as np
 from olne_bench import plugins
 from olne_bench.bench.judge.estimate_check import check_estimate
 from olne_bench.bench.judge.likelihood import likelihood_ratio, posterior_ratio
-from olne_bench.bench.judge.metrics.judged import HeldOut, Judged, Once
+from olne_bench.bench.judge.metrics.judged import Judged, Once
 from olne_bench.bench.judge.metrics.scoring import MetricError, score_all
 from olne_bench.bench.judge.observe import observe, observed, problem_of, sensor_model
 from olne_bench.bench.judge.players import (
@@ -219,12 +219,13 @@ def _scored(
 def _with_prediction(judged: Judged, trial: Trial, case: Case, root: Root) -> Judged:
     """What metrics see of a trial whose forward game is known."""
     estimate, problem, found = judged.estimate, case.problem, (judged.estimate, root)
+    theta = estimate.theta(problem.game)
     return replace(
         judged,
         prediction=root.states,
-        held_out=partial(_held_out, case.draw, estimate.theta(problem.game), trial.root_iterations),
+        held_out=partial(held_out, case.draw, theta, trial.root_iterations),
         held_out_samples=partial(_held_out_samples, case, trial, estimate),
-        ahead=partial(ahead, case.draw, estimate.theta(problem.game)),
+        ahead=partial(ahead, case.draw, theta),
         likelihood_ratio=Once(
             partial(likelihood_ratio, problem, case.observations, case.recordings, *found)
         ),
@@ -292,23 +293,12 @@ def _with_scores(
     return replace(outcome, scores=scores, message=clip("; ".join(notes)))
 
 
-def _held_out(draw: Draw, theta: np.ndarray, root_iterations: int) -> tuple[HeldOut, ...] | None:
-    try:
-        return held_out(draw, theta, root_iterations)
-    except NoEquilibriumError:  # nothing near this draw to predict
-        return None
-
-
 def _held_out_samples(case: Case, trial: Trial, estimate: Estimate, most: int) -> np.ndarray | None:
     game = case.problem.game
     samples = estimate.sampled_theta(game, most)
     if samples is None:
         return None
-    try:
-        theta = estimate.theta(game)
-        return held_out_samples(case.draw, theta, samples, trial.root_iterations)
-    except NoEquilibriumError:  # nothing near this draw to predict
-        return None
+    return held_out_samples(case.draw, estimate.theta(game), samples, trial.root_iterations)
 
 
 def _observation_error(

@@ -91,8 +91,7 @@ def held_out(draw: Draw, theta: np.ndarray, root_iterations: int) -> tuple[HeldO
     """Predictions from ``held_out_recordings``' states at theta (N, K + U).
 
     That of ``predict_from_start`` is followed to each state (``nearby_starts.follow_start``). None
-    if there is none, or if no root is found for one of the states; raises as
-    ``held_out_recordings``.
+    if there is none, if too few starts have an equilibrium, or if no root is found for one of them.
     """
     roots = _held_out_roots(draw, theta.tobytes(), root_iterations)
     if roots is None:
@@ -106,8 +105,8 @@ def held_out_samples(
 ) -> np.ndarray | None:
     """Predictions (H, M, T, N, n) from ``held_out``'s states at samples (M, N, K + U) of theta.
 
-    They are followed from that at theta; NaN for a sample whose game is not found. None and errors
-    as in ``held_out``.
+    They are followed from that at theta; NaN for a sample whose game is not found. None as in
+    ``held_out``.
     """
     roots = _held_out_roots(draw, theta.tobytes(), root_iterations)
     if roots is None:
@@ -255,7 +254,10 @@ def _goes_on(game: Game, weights: np.ndarray, last: np.ndarray, steps: int) -> n
 @lru_cache(maxsize=16)
 def _held_out_roots(draw: Draw, theta: bytes, root_iterations: int) -> tuple[Root, ...] | None:
     """Roots from the held-out states at theta; None as in ``held_out``."""
-    recordings = held_out_recordings(draw)
+    try:
+        recordings = held_out_recordings(draw)
+    except NoEquilibriumError:  # nothing near this draw to predict
+        return None
     known = _prediction(draw, theta, root_iterations).root
     if known is None:
         return None
