@@ -21,19 +21,16 @@ __all__ = ["HighwayWorld", "env", "parallel_env", "raw_env"]
 class HighwayWorld(OlneWorld):
     """``envs.olne_v0.OlneWorld`` on HighwayEnv's simulator, roads and pictures.
 
-    Actions, observations, rewards, infos, resets and copies are those of ``OlneWorld``, in metres.
-    The motion model is HighwayEnv's vehicle. Its state is px [m], py [m], heading [rad] and speed
-    [m/s]. Its control is steering [rad] within pi/3 and acceleration [m/s^2] within 12, held for
-    0.4 s.
+    All but what follows is as there, in metres. The motion model is HighwayEnv's vehicle. Its state
+    is px [m], py [m], heading [rad] and speed [m/s]; its control is steering [rad] within pi/3 and
+    acceleration [m/s^2] within 12, held for 0.4 s.
 
-    The simulator moves the cars and detects collisions. After a collision, the car's player
-    terminates alone, leaves ``agents`` and takes no more actions, and the others continue to the
-    end of the game. Scenarios are drawn such that the OLNE replays exactly and is free of
-    collisions, including those that HighwayEnv only predicts.
+    After a collision, the car's player terminates alone, leaves ``agents`` and takes no more
+    actions; the others continue to the end of the game. Scenarios are drawn such that the OLNE
+    replays exactly and is free of collisions, including those that HighwayEnv only predicts.
 
-    **Pictures** are HighwayEnv's: the x axis points right and the y axis points **down**. Headings
-    therefore grow clockwise in pictures, and positive steering turns a car to its right as seen
-    there. The benchmark's figures and pages draw roads in the same way.
+    **Pictures** are HighwayEnv's: the y axis points **down**. Headings therefore grow clockwise in
+    pictures, and positive steering turns a car to its right as seen there.
 
     Args:
         scenario: one of ``envs.roads.highway_roads.ROAD_NAMES`` or a ``Scenario`` of that name.
@@ -55,19 +52,11 @@ class HighwayWorld(OlneWorld):
 
     @property
     def crashed(self) -> frozenset[str]:
-        """Players that have left this episode after a collision.
-
-        Raises:
-            ResetNeeded: before the first reset.
-        """
+        """Players that have left this episode after a collision; or ResetNeeded."""
         return frozenset(player_name(index) for index in self._latest_episode().left)
 
     def render(self) -> np.ndarray | None:
-        """Draw the present state, as a (height, width, 3) uint8 array or into a window.
-
-        Raises:
-            ResetNeeded: before the first reset.
-        """
+        """The present state as a (height, width, 3) uint8 array, or in a window."""
         episode = self._latest_episode()
         if self.render_mode is None:
             return super().render()

@@ -49,74 +49,53 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
 
     The world moves by the game's own dynamics, so a plan replays exactly. Rewards are negative
     stage costs under the true weights. A player's return over a whole episode is therefore
-    ``-J^i``, and no small unilateral deviation from the OLNE increases it (Peters et al. 2021,
-    eqn. nash).
+    ``-J^i``, and no small unilateral deviation from the OLNE increases it (Peters et al. 2021, eqn.
+    nash).
 
     ======================  =====================================================================
-    Import                  ``from olne_bench.envs import olne_v0``
-    Actions                 continuous
-    Parallel API            yes
-    Manual control          no
-    Players                 ``['player_0', ..., 'player_{N-1}']``, N given by the scenario
-    Action shape            ``(m,)`` float64
-    Action values           ``[-limit, limit]`` per control, from the scenario's ``limits``
-    Observation shape       ``(N*n + 1,)`` float64
-    State shape             ``(N*n + 1,)`` float64
-    Episode length          ``T - 1`` steps, T the game's horizon
-    ======================  =====================================================================
+    Import                  ``from olne_bench.envs import olne_v0`` Actions
+    continuous Parallel API            yes Manual control          no Players
+    ``['player_0', ..., 'player_{N-1}']``, N given by the scenario Action shape            ``(m,)``
+    float64 Action values           ``[-limit, limit]`` per control, from the scenario's ``limits``
+    Observation shape       ``(N*n + 1,)`` float64 State shape             ``(N*n + 1,)`` float64
+    Episode length          ``T - 1`` steps, T the game's horizon ======================
+    =====================================================================
 
-    **Observation** of a player, for the unicycle (n = 4; other models have other components):
+    **Observation**: px [m], py [m], heading [rad] and speed [m/s] of the player itself, then of
+    each other player by index, then the time since the start [s]. That is for the unicycle (n = 4);
+    other models have other components. ``observation_layout`` splits an observation. ``state()``
+    returns the same numbers with all players in the order of their indices. Both are exact;
+    ``envs.worlds.wrappers`` adds noise and partial views.
 
-    ==================  ==========================  ============================================
-    Index               Content                     Unit
-    ==================  ==========================  ============================================
-    0 to 3              own px, py, heading, speed  m, m, rad, m/s
-    4 to 4N - 1         the same of each other      m, m, rad, m/s
-                        player, by index
-    4N                  time since the start        s
-    ==================  ==========================  ============================================
-
-    ``observation_layout`` splits an observation. ``state()`` returns the same numbers with
-    all players in the order of their indices. Both are exact; ``envs.worlds.wrappers`` adds noise
-    and partial views.
-
-    **Action** of a player, for the unicycle (m = 2), held for one step of ``dt`` seconds:
-
-    =====  ==============  =======
-    Index  Content         Unit
-    =====  ==============  =======
-    0      yaw_rate        rad/s
-    1      acceleration    m/s^2
-    =====  ==============  =======
-
-    An action outside the action space is an error. The world never clips an action, because a
-    clipped plan is another plan.
+    **Action**: for the unicycle (m = 2), yaw rate [rad/s] and acceleration [m/s^2], held for one
+    step of ``dt`` seconds. One outside the action space is an error: a clipped plan would be
+    another plan.
 
     **Reward**: player i receives minus its running cost at (x_t, u_t) for the step from t to t+1.
     The last step of the game also subtracts the final cost at x_T. Nothing is discounted.
 
-    **Info** of a player: ``olne_action`` (m,) is its next control in the OLNE. It is open loop and
-    does not react to the players. It is absent once the game is over. ``weights`` (K,) are the
-    player's true weights in the order of ``scenario.game.weight_names``. With
-    ``reveal_truth=False`` both are absent and no equilibrium is solved. Where the game has hard
-    constraints, ``violations`` says by how much the present states and the last controls break
-    those that look at the player, in the unit of their margins. Its keys are the constraint's name
-    and its players: ``("distance", "player_0", "player_1")``. The world does not enforce them.
+    **Info** of a player: ``olne_action`` (m,) is its next control in the OLNE, which is open loop;
+    it is absent once the game is over. ``weights`` (K,) are the player's true weights in the order
+    of ``scenario.game.weight_names``. With ``reveal_truth=False`` both are absent and no
+    equilibrium is solved. Where the game has hard constraints, ``violations`` says by how much the
+    present states and the last controls break those that look at the player, in the unit of their
+    margins. Its keys are the constraint's name and its players: ``("distance", "player_0",
+    "player_1")``. The world does not enforce them.
 
     **End**: all players terminate together after T - 1 steps, when the game ends. A smaller
     ``max_cycles`` truncates the episode before that; the final cost is then never charged.
 
     **Reset**: ``seed`` picks the member of a scenario family, as ``get_scenario(name, seed)`` does.
     Without a seed, a family draws a new member. ``options={"scenario": name, **its_options}`` plays
-    another scenario for one episode. ``options={"num_players": 3}`` plays the same scenario with
-    other options. Players and spaces are those of the latest scenario. They stay the same objects
-    unless it differs in size. Learners and third-party wrappers read them once, so they should stay
-    with one scenario and give ``num_players`` to ``random``.
+    another scenario for one episode, ``options={"num_players": 3}`` the same one with other
+    options. Players and spaces are those of the latest scenario, and the same objects unless it
+    differs in size. Learners and third-party wrappers read them once, so they should stay with one
+    scenario and give ``num_players`` to ``random``.
 
     **Pictures** show the vehicles from above. The x axis points right and the y axis points up, so
     headings grow counterclockwise. A scene that is taller than wide is turned: then x points down
-    and y to the right, and roads along y run from left to right. pygame has one window per process,
-    which shows the world that drew last; macOS opens windows in the main thread only.
+    and y to the right. pygame has one window per process, which shows the world that drew last;
+    macOS opens windows in the main thread only.
 
     **Copies**: ``copy.deepcopy`` and ``pickle`` keep the episode. The copy continues exactly as the
     original would, shares nothing with it, and opens its own window when it draws.
@@ -189,19 +168,12 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
 
     @property
     def scenario(self) -> Scenario:
-        """The scenario of this episode, with its true weights.
-
-        Raises:
-            ResetNeeded: before the first reset.
-        """
+        """The scenario of this episode, with its true weights; ResetNeeded before the first."""
         return self._latest_episode().scenario
 
     @property
     def certificate(self) -> Certificate | None:
-        """Evidence that the OLNE of this episode is one, locally and globally so far.
-
-        None with ``reveal_truth=False``.
-        """
+        """Evidence that the OLNE of this episode is one; None with ``reveal_truth=False``."""
         truth = self._latest_episode().truth
         return truth.certificate if truth else None
 
@@ -228,8 +200,8 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
         Raises:
             ValueError: on an unknown scenario or option.
             NoEquilibriumError: if the member of this seed has no certified equilibrium within its
-                limits (never with ``reveal_truth=False``). The next ``reset`` works as usual.
-                Without a seed, members are drawn until one has.
+                limits (never with ``reveal_truth=False``). Without a seed, members are drawn until
+                one has.
         """
         self.agents, self._episode = [], None  # if anything below fails, the old episode is over
         if seed is not None:
@@ -248,11 +220,10 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
         return self._observations(), self._infos()
 
     def step(self, actions: dict[str, np.ndarray]) -> Step:
-        """Play one step of all players.
+        """Play one step of all players, with one control (m,) each.
 
-        Args:
-            actions: one (m,) control per player. After the end of an episode there are no players:
-                empty actions then give empty results, as third-party wrappers expect.
+        After the end of an episode there are no players: empty actions then give empty results, as
+        third-party wrappers expect.
 
         Raises:
             ResetNeeded: before the first reset, and on any action after the end of an episode.
@@ -281,27 +252,15 @@ class OlneWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
         )
 
     def check_action(self, player: str, action: np.ndarray) -> None:
-        """Refuse an action that ``step`` would refuse.
-
-        Raises:
-            ValueError: as ``step``.
-        """
+        """Refuse an action that ``step`` would refuse, with its ValueError."""
         self._spaces.controls({player: action}, [player])
 
     def state(self) -> np.ndarray:
-        """All players' states in the order of their indices, then the time [s]: (N*n + 1,).
-
-        Raises:
-            ResetNeeded: before the first reset.
-        """
+        """States in the order of players, then the time [s]: (N*n + 1,); or ResetNeeded."""
         return self._latest_episode().vector()
 
     def render(self) -> np.ndarray | None:
-        """Draw the present state, as a (height, width, 3) uint8 array or into a window.
-
-        Raises:
-            ResetNeeded: before the first reset.
-        """
+        """The present state as a (height, width, 3) uint8 array, or in a window."""
         episode = self._latest_episode()
         if self._renderer is None:
             gymnasium.logger.warn(
@@ -407,8 +366,7 @@ class AecWorld(parallel_to_aec_wrapper):
     def step(self, action: np.ndarray | None) -> None:
         """Play one player's turn; a wrong action is refused at once and changes nothing.
 
-        Raises:
-            ValueError: as ``OlneWorld.step``; the same player may then be given another action.
+        Raises ValueError as ``OlneWorld.step``; the same player may then be given another action.
         """
         player = self.agent_selection
         if not (self.terminations[player] or self.truncations[player]):
@@ -430,16 +388,9 @@ parallel_env = OlneWorld
 
 
 def make_world(scenario: Scenario, **arguments: Any) -> OlneWorld:
-    """The PettingZoo world that a scenario names, for this scenario.
+    """The PettingZoo world that a scenario names, for this scenario; ValueError without ``limits``.
 
     The world's module is imported at its first use, because importing a simulator takes a second.
-
-    Args:
-        scenario: the scenario.
-        **arguments: of the world, such as ``render_mode``.
-
-    Raises:
-        ValueError: on a scenario without ``limits``.
     """
     world: OlneWorld = import_module(f"olne_bench.envs.{scenario.world}").parallel_env(
         scenario, **arguments

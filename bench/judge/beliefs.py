@@ -1,20 +1,15 @@
 """What an ego takes the others' weights and target speeds to be, while it drives among them."""
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
 from olne_bench.bench.judge.estimate_check import check_estimate
 from olne_bench.bench.judge.players import PlayerFault, PlayerTask, StreamPlayer
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
-from olne_bench.envs.drive.cars import (
-    Car,
-    DriveRoad,
-    drive_game,
-    middle_speed,
-)
+from olne_bench.envs.drive.cars import Car, DriveRoad, drive_game, middle_speed
 from olne_bench.envs.drive.nash_traffic import HORIZON
 from olne_bench.envs.drive.planner import Mind
 from olne_bench.envs.roads.road_scenario import NOISE_SCALE, unknown_speed, with_target
@@ -24,62 +19,45 @@ from olne_bench.games.model.observation import VIEWS
 
 @dataclass(frozen=True)
 class EstimateRules:
-    """How an ego uses estimates.
+    """How an ego uses estimates."""
 
-    Attributes:
-        window: number of latest samples that count.
-        sigma: standard deviation of the noise on positions [m].
-        deadline: time [s] in which an estimate has to be there.
-    """
-
-    window: int
-    sigma: float
-    deadline: float
+    window: int  # number of latest samples that count
+    sigma: float  # noise on positions [m]
+    deadline: float  # time [s] in which an estimate has to be there
 
 
 @dataclass(frozen=True)
 class _Known:
-    """What an estimate says of a car.
+    """What an estimate says of a car."""
 
-    Attributes:
-        weights: (4,) of its preferences.
-        speed: target speed [m/s].
-        worth: number of samples that it was made from, and of those before.
-    """
-
-    weights: np.ndarray
-    speed: float
-    worth: int
+    weights: np.ndarray  # (4,) of its preferences
+    speed: float  # target speed [m/s]
+    worth: int  # number of samples that it was made from, and of those before
 
 
-class Beliefs(Protocol):
-    """What an ego knows of the others."""
+class Beliefs(ABC):
+    """What an ego knows of the others; most learn nothing from samples."""
 
-    def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:
+    def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:  # noqa: B027
         """Take samples (N, 4) of cars, the ego first."""
 
+    @abstractmethod
     def minds(self, cars: Sequence[Car]) -> list[Mind]:
         """The ego as it is, and the others as it takes them to be."""
 
 
-class TrueBeliefs:
+class TrueBeliefs(Beliefs):
     """Someone has told the ego all."""
-
-    def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:
-        pass
 
     def minds(self, cars: Sequence[Car]) -> list[Mind]:
         return [Mind(car.number, car.player, car.weights) for car in cars]
 
 
-class UniformBeliefs:
+class UniformBeliefs(Beliefs):
     """Equal weights for all others, and the middle of the target speeds on the road."""
 
     def __init__(self, road: DriveRoad) -> None:
         self._speed = middle_speed(road)
-
-    def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:
-        pass
 
     def minds(self, cars: Sequence[Car]) -> list[Mind]:
         ego, *others = cars
@@ -90,22 +68,15 @@ class UniformBeliefs:
         ]
 
 
-class EstimatedBeliefs:
+class EstimatedBeliefs(Beliefs):
     """The estimates of a stream; uniform weights and the middle speed until there are some.
 
-    A stream is about certain cars. Where they change, another one begins with the samples of the
-    window at which all of its cars were seen. What was known of a car before counts until the new
-    stream has more samples than the old knowledge is worth: its samples, less one for each step
-    since.
+    Where the cars change, another stream begins with the samples of the window at which all of its
+    cars were seen. What was known of a car before counts until the new stream has more samples than
+    the old knowledge is worth: its samples, less one for each step since.
 
-    The stream's game is as long as the plans of Nash traffic, and begins with its window. A longer
-    one is another game: what it takes for weights and target speeds predicts less well.
-
-    Attributes:
-        updates: number of samples at which an estimate was asked for.
-        late: how many of these were not answered in time; such an estimate counts at the next one.
-        failed: how many had no valid estimate.
-        fault: why there are no further estimates; None while there are.
+    The stream's game is as long as the plans of Nash traffic: what a longer one takes for weights
+    and target speeds predicts less well.
     """
 
     def __init__(
@@ -115,7 +86,6 @@ class EstimatedBeliefs:
         road: DriveRoad,
         rules: EstimateRules,
     ) -> None:
-        """Nothing is known yet."""
         self._player, self._task_of, self._road, self._rules = player, task_of, road, rules
         self._prior = UniformBeliefs(road)
         self._known: dict[int, _Known] = {}
@@ -124,8 +94,10 @@ class EstimatedBeliefs:
         self._numbers: tuple[int, ...] = ()
         self._count = 0
         self._problem: Problem | None = None
-        self.updates = self.late = self.failed = 0
-        self.fault: PlayerFault | None = None
+        self.updates = 0  # samples at which an estimate was asked for
+        self.late = 0  # those not answered in time; such an estimate counts at the next one
+        self.failed = 0  # those without a valid estimate
+        self.fault: PlayerFault | None = None  # why there are no further estimates
 
     def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:
         numbers = tuple(car.number for car in cars)

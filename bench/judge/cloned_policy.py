@@ -1,9 +1,8 @@
 """Behaviour cloning: a network that drives on as players of the simulator did.
 
-The policy maps what all players do now to what they do next. It was fitted to the controls of the
-equilibria that the networks of ``neural_posterior`` were trained on, whatever their weights: it
-knows neither weights nor costs. There is one network for each known game, in a file beside this
-one; ``scripts/train_learned.py policy`` trains it.
+It maps what all players do now to what they do next, and knows neither weights nor costs. It was
+fitted to the controls of the equilibria that ``neural_posterior`` was trained on. There is one for
+each known game, in a file beside this one; ``scripts/train_learned.py policy`` trains it.
 """
 
 from dataclasses import dataclass
@@ -23,21 +22,13 @@ FARTHEST = 12.0
 
 @dataclass(frozen=True)
 class Policy:
-    """A trained policy of all players of a game.
-
-    Attributes:
-        layers: of the network.
-        centre: (N, n) mean of the states over training.
-        spread: (N, n) their standard deviation.
-        control_spread: (N, m) size of the controls.
-        game: identifies the game that it was trained for.
-    """
+    """A trained policy of all players of a game."""
 
     layers: Layers
-    centre: np.ndarray
-    spread: np.ndarray
-    control_spread: np.ndarray
-    game: str
+    centre: np.ndarray  # (N, n) mean of the states over training
+    spread: np.ndarray  # (N, n) their standard deviation
+    control_spread: np.ndarray  # (N, m) size of the controls
+    game: str  # identifies the game that it was trained for
 
     @classmethod
     def read(cls, path: Path) -> "Policy":
@@ -52,13 +43,7 @@ class Policy:
             )
 
     def controls(self, states: np.ndarray, controls: np.ndarray, left: float) -> np.ndarray:
-        """The next controls (N, m).
-
-        Args:
-            states: (N, n) now.
-            controls: (N, m) of the last step.
-            left: share of the horizon that is left.
-        """
+        """The next controls (N, m); ``left`` is the share of the horizon that is left."""
         given = policy_inputs(
             ((states - self.centre) / self.spread)[None],
             (controls / self.control_spread)[None],
@@ -71,10 +56,8 @@ class Policy:
 def policy_inputs(states: np.ndarray, controls: np.ndarray, left: np.ndarray) -> np.ndarray:
     """Inputs (B, I) of the network.
 
-    Args:
-        states: (B, N, n) in units of their spread.
-        controls: (B, N, m) of the last step, in units of theirs.
-        left: (B,) share of the horizon that is left.
+    States (B, N, n) and the last controls (B, N, m) are in units of their spread; ``left`` (B,) is
+    the share of the horizon that is left.
     """
     flat = [one.reshape(len(one), -1).clip(-FARTHEST, FARTHEST) for one in (states, controls)]
     return np.concatenate([*flat, left[:, None]], axis=1, dtype=np.float32)
@@ -95,15 +78,7 @@ def _policies() -> dict[str, Policy]:
 def driven(
     policy: Policy, game: Game, states: np.ndarray, controls: np.ndarray, steps: int
 ) -> np.ndarray:
-    """States (steps + 1, N, n) from now on.
-
-    Args:
-        policy: drives all players.
-        game: gives the motion model, and the horizon.
-        states: (N, n) now.
-        controls: (N, m) of the last step.
-        steps: number of steps to drive.
-    """
+    """States (steps + 1, N, n) from states (N, n) on; controls (N, m) are of the last step."""
     found = [states]
     for left in range(steps, 0, -1):
         controls = policy.controls(found[-1], controls, left / game.horizon)

@@ -30,12 +30,7 @@ from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip
 from olne_bench.envs.drive.cars import ROADS, STEP, WEIGHTS, Car, EgoCost
 from olne_bench.envs.drive.footprint import gap
-from olne_bench.envs.drive.planner import (
-    CONSTRAINED,
-    EgoPlan,
-    GamePlanner,
-    StraightOnPlanner,
-)
+from olne_bench.envs.drive.planner import CONSTRAINED, EgoPlan, GamePlanner, StraightOnPlanner
 from olne_bench.envs.drive.world import NASH, DriveWorld, NoDriveError, seen
 from olne_bench.estimators.protocol import Problem
 
@@ -55,47 +50,33 @@ _DRIVE_SECONDS = 1200.0
 class DriveRow:
     """What became of one drive.
 
-    Attributes:
-        status: ``ok``; ``skipped`` if no start was found, or the estimator declines; otherwise why
-            there were no further estimates (``plan.outcome.STATUSES``). The ego then drove on with
-            what it had.
-        message: one line; empty if there is nothing to say.
-        collision: whether the ego collided.
-        collision_time: when [s].
-        cost: mean over the steps of what the drive cost the ego, 0 to 1 (``envs.drive.cars``).
-        progress: way that the ego drove [m].
-        jerk: root of the mean square of the ego's jerk [m/s^3].
-        gap: smallest gap to another car [m].
-        cycle_50, cycle_95, cycle_99: percentiles of the time of a cycle, estimate and plan [ms].
-        fallback: share of cycles without a plan that keeps the distance.
-        late, failed: shares of samples whose estimate was late, or no valid one.
-        errors: distance [m] between predicted and driven positions of others, mean over all.
-        plans_solved, plans_apart, plans_kept, plans_braked: plans of the others (``PlanCounts``).
-        entered, left, others_collided: other cars that came, went, and collided without the ego.
+    With another status than ``ok`` there were no further estimates from some time on, and the ego
+    drove on with what it had.
     """
 
-    status: str
+    status: str  # skipped if no start was found or the estimator declines, else of ``STATUSES``
     message: str = ""
-    collision: bool | None = None
-    collision_time: float | None = None
-    cost: float | None = None
-    progress: float | None = None
-    jerk: float | None = None
-    gap: float | None = None
-    cycle_50: float | None = None
+    collision: bool | None = None  # of the ego
+    collision_time: float | None = None  # [s]
+    cost: float | None = None  # mean over the steps, 0 to 1 (``EgoCost``)
+    progress: float | None = None  # way that the ego drove [m]
+    jerk: float | None = None  # of the ego, root mean square [m/s^3]
+    gap: float | None = None  # smallest one to another car [m]
+    cycle_50: float | None = None  # percentiles of the time of a cycle, estimate and plan [ms]
     cycle_95: float | None = None
     cycle_99: float | None = None
-    fallback: float | None = None
-    late: float | None = None
-    failed: float | None = None
+    fallback: float | None = None  # share of cycles without a plan that keeps the distance
+    late: float | None = None  # share of samples whose estimate was late
+    failed: float | None = None  # share of samples without a valid estimate
+    #: mean distance [m] between predicted and driven positions, by column
     errors: dict[str, float] = field(default_factory=dict)
-    plans_solved: int | None = None
+    plans_solved: int | None = None  # plans of the others (``PlanCounts``)
     plans_apart: int | None = None
     plans_kept: int | None = None
     plans_braked: int | None = None
-    entered: int | None = None
-    left: int | None = None
-    others_collided: int | None = None
+    entered: int | None = None  # other cars that came
+    left: int | None = None  # other cars that went
+    others_collided: int | None = None  # without the ego
 
 
 #: Sees each step before it is driven: the world, and the ego's plan if it has one.
@@ -109,10 +90,7 @@ def setting(scenario: ScenarioEntry) -> tuple[str, str, str]:
 
 
 def judge(trial: Trial, staff: Staff) -> Outcome:
-    """Judge a drive; its row is JSON text in ``extras``.
-
-    A seed without a start is ``skipped``.
-    """
+    """Judge a drive; its row is JSON text in ``extras``. A seed without a start is ``skipped``."""
     staff.announce("drive", _DRIVE_SECONDS + 2 * trial.time_limit)
     try:
         row = driven(trial, staff.player)
@@ -122,11 +100,7 @@ def judge(trial: Trial, staff: Staff) -> Outcome:
 
 
 def driven(trial: Trial, player: StreamPlayer, watch: Watch | None = None) -> DriveRow:
-    """Let a planner drive.
-
-    Raises:
-        NoDriveError: if the seed has no start.
-    """
+    """Let a planner drive, or raise ``NoDriveError`` if the seed has no start."""
     drive = _Drive(trial, player, watch is not None)
     while not drive.world.over:
         drive.cycle(watch)
@@ -210,10 +184,7 @@ class _Drive:
             gap=self._smallest_gap(motion),
             **self._shares(),
             errors=prediction_errors(self._plans, self._motion),
-            plans_solved=counts.plans.solved,
-            plans_apart=counts.plans.apart,
-            plans_kept=counts.plans.kept,
-            plans_braked=counts.plans.braked,
+            **{f"plans_{what}": count for what, count in asdict(counts.plans).items()},
             entered=counts.entered,
             left=counts.left,
             others_collided=counts.collided,

@@ -27,10 +27,8 @@ _SMALLEST_SUM, _LARGEST_SUM = 1e-290, 1e290
 def check_estimate(raw: RawEstimate, problem: Problem) -> Estimate:
     """The estimate of a player: shapes fit the problem, rows of weights and samples sum to one.
 
-    What stands for nothing in arrays of unknowns is zero, and texts have one line.
-
-    Raises:
-        InvalidEstimateError: if it is not an estimate of the problem.
+    What stands for nothing in arrays of unknowns is zero, and texts have one line. Raises
+    ``InvalidEstimateError`` if it is not an estimate of the problem.
     """
     game = problem.game
     shape = (game.num_players, game.num_weights)

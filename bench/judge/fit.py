@@ -25,16 +25,10 @@ _TAILS = 0.025, 0.975
 
 @dataclass(frozen=True)
 class Fit:
-    """An estimate and the observations that it was made from.
+    """An estimate and the observations that it was made from."""
 
-    Attributes:
-        asked: what was known; its sigma is the noise level [m], or its median.
-        y: (T, N, d) observations, NaN where missing.
-        result: the estimate.
-    """
-
-    asked: Problem
-    y: np.ndarray
+    asked: Problem  # what was known; its sigma is the noise level [m], or its median
+    y: np.ndarray  # (T, N, d) observations, NaN where missing
     result: Estimate
 
     @cached_property
@@ -53,10 +47,7 @@ class Fit:
 
     @cached_property
     def residuals(self) -> np.ndarray | None:
-        """(N,) root mean square residuals [m]; None if the estimator gives no states.
-
-        Each component is divided by its noise scale.
-        """
+        """(N,) root mean square residuals [m], over noise scales; None without states."""
         if self.result.states is None:
             return None
         expected = observe(self.problem.view, self.problem.game.dynamics, self.result.states)
@@ -65,7 +56,7 @@ class Fit:
 
     @property
     def residual(self) -> float | None:
-        """Root mean square residual of all players [m]; None if the estimator gives no states."""
+        """Root mean square residual of all players [m]; None without states."""
         if self.residuals is None:
             return None
         count = np.isfinite(self.y).sum(axis=(0, 2))
@@ -85,12 +76,11 @@ class Fit:
         return np.asarray(errors.reshape(self.result.weights.shape))
 
     def intervals(self, deadline: float = np.inf) -> np.ndarray | None:
-        """(N, K, 2) ends of 95 % intervals of the weights, from what the estimator claims.
+        """(N, K, 2) ends of 95 % intervals of the weights; None if the estimator claims nothing.
 
-        From samples they are quantiles, from a covariance normal ones, and for a likelihood region
-        the referee's own profile (``estimators.shared.profile_intervals``): NaN where an end is not
-        found by the deadline, in seconds of ``time.monotonic``. None if the estimator claims
-        nothing. As for standard errors, a residual above the noise level is used in its place.
+        From samples they are quantiles, from a covariance normal ones, from a likelihood region the
+        referee's own profile: NaN where an end is not found by the deadline, in seconds of
+        ``time.monotonic``. A residual above the noise level is used in its place.
         """
         result, errors = self.result, self.standard_errors
         if result.region == SAMPLES and result.samples is not None:

@@ -1,7 +1,6 @@
-"""A driver that has learned by trial and error (PPO), for the ego of a drive.
+"""A driver that has learned by trial and error (PPO), for the ego of a drive; it knows no game.
 
-It maps what it sees to what it does, and knows no game. ``scripts/train_ppo.py driver`` trained it
-in ``envs.drive.ego_env`` and wrote the file beside this one.
+``scripts/train_ppo.py driver`` trained it in ``envs.drive.ego_env`` and wrote the file beside this.
 """
 
 from functools import lru_cache
@@ -21,11 +20,7 @@ class LearnedDriver:
         self._view = EgoView(ego)
 
     def control(self, samples: np.ndarray) -> np.ndarray:
-        """Steering [rad] and acceleration [m/s^2] (2,).
-
-        Args:
-            samples: (1 + M, 4) states of the ego and of the nearest others as it knows them.
-        """
+        """Steering [rad] and acceleration [m/s^2] (2,); samples are (1 + M, 4), the ego first."""
         action = output(_network(), self._view.of(samples))
         return self._view.control(samples[0], action)
 

@@ -23,22 +23,13 @@ def likelihood_ratio(
 ) -> float | None:
     """Twice the log of the largest likelihood less that of the true weights.
 
-    The largest one is that of the optimum to which the estimate leads: an estimate that is not an
-    optimum gets no larger region for that. Where no fit is found from there, as its weights may
-    have an equilibrium far from what was seen, it is that to which the truth leads. At the true
-    weights, initial states and unknowns are fitted. The estimate's own error counts where it is
+    The largest one is that of the optimum to which the estimate leads, or else the truth: an
+    estimate that is not an optimum gets no larger region for that. At the true weights, initial
+    states and unknowns are fitted. The estimate's own error, its ``objective``, counts where it is
     less than what is found: who claims more than can be found gets a smaller region.
 
-    Args:
-        problem: what the estimator was told.
-        observations: one for each trajectory.
-        recordings: the true motion of each.
-        estimate: the estimate; its ``objective`` is the sum of squared errors.
-        found: the forward game at the estimate, from the first recording's start.
-
-    Returns:
-        None if no fit is found at the true weights, or neither near the estimated ones nor from
-        the truth.
+    ``found`` is the forward game at the estimate, from the first recording's start. None if no fit
+    is found at the true weights, or neither near the estimated ones nor from the truth.
     """
     white, seen = with_white_noise(problem, observations)
     scenario = recordings[0].scenario
@@ -74,17 +65,8 @@ def posterior_ratio(
     """Twice the log of the posterior's peak less its profile at the true weights.
 
     The density is that of ``posterior`` (B1), in coordinates in which the problem's prior is
-    standard normal. The peak is the higher one of those to which estimate and truth lead.
-
-    Args:
-        problem: what the estimator was told.
-        observation: what it was shown.
-        recording: the true motion.
-        estimate: the estimate.
-        found: the forward game at the estimate.
-
-    Returns:
-        None at a fold of equilibria.
+    standard normal. The peak is the higher one of those to which estimate and truth lead. ``found``
+    is the forward game at the estimate. None at a fold of equilibria.
     """
     white, (seen,) = with_white_noise(problem, (observation,))
     white = with_told_noise(white, estimate)

@@ -1,7 +1,6 @@
 """The same players from nearby starts, for studies of several trajectories and for predictions.
 
-Starts are drawn around a recording's own start. The equilibrium is followed from the recording's to
-each new start, and certified like any other ground truth.
+Equilibria are followed from the recording's own start, and certified like any other ground truth.
 """
 
 import zlib
@@ -27,16 +26,10 @@ _DRAWS = 10
 
 
 def neighbours(recording: Recording, count: int, stream: str, seed: int) -> tuple[Recording, ...]:
-    """Certified recordings of the same players from other starts.
+    """Certified recordings of the same players from so many other starts.
 
-    Args:
-        recording: the motion from the scenario's own start.
-        count: number of other starts.
-        stream: purpose of the starts; each purpose gets its own.
-        seed: seed of the draw.
-
-    Raises:
-        NoEquilibriumError: if too few starts have a certified equilibrium.
+    Each purpose ``stream`` gets starts of its own. Raises ``NoEquilibriumError`` if too few starts
+    have a certified equilibrium.
     """
     name = recording.scenario.name
     key = [zlib.crc32(f"{stream} {name}".encode()), seed]
@@ -98,8 +91,8 @@ def _played(recording: Recording, root: Root, certificate: Certificate) -> Recor
 def follow_start(recordings: Sequence[Recording], weights: np.ndarray, known: Root) -> list[Root]:
     """Roots of the game at other weights, from the recordings' initial states.
 
-    Each root is followed from a known root at those weights, while the initial state moves. If that
-    fails, it is followed from the recording's own motion (``games.solve.root_following``).
+    Each is followed from ``known``, a root at those weights, while the initial state moves, or else
+    from the recording's own motion (``games.solve.root_following``).
 
     Args:
         recordings: the motions at the true weights, all of one game.

@@ -1,8 +1,7 @@
 """Observations of recordings: a recording is played again and seen through sensors.
 
-The wrappers of ``envs.worlds.wrappers`` are applied to a world that plays the recording
-(``envs.worlds.recorded``), so an observation equals what the wrapped world showed, bit
-for bit.
+``envs.worlds.wrappers`` are put around a world that plays the recording, so an observation equals
+what the wrapped world showed, bit for bit.
 """
 
 from collections.abc import Sequence
@@ -25,11 +24,7 @@ T = TypeVar("T")
 
 
 def sensor_model(scenario: Scenario, layers: Sequence[Layer]) -> SensorModel:
-    """What an estimator may know about a sensor in a scenario.
-
-    Raises:
-        ValueError: with a one-line message, if layers do not fit each other or the scenario.
-    """
+    """What an estimator may know of a sensor in a scenario; ValueError if layers do not fit."""
     return SensorModel.of(layers, scenario.game.dynamics, scenario.noise_scale)
 
 
@@ -57,8 +52,7 @@ def observe(
         recordings: the true motions.
         layers: layers of the sensor.
         sigma: noise level [m], which scales the drawn noise.
-        seed: seed of noise and gaps, at least 0. The first recording uses it; the others use seeds
-            drawn from it.
+        seed: of noise and gaps, at least 0; recordings after the first use seeds drawn from it.
 
     Raises:
         ValueError: as ``sensor_model``, or if a bearing jumps.
@@ -77,11 +71,7 @@ def observe_states(
 ) -> np.ndarray:
     """Whole states (S, N, n) of a world's S steps under the noise that ``observe`` adds.
 
-    Args:
-        world: plays the true motion.
-        noise_scale: (n,) standard deviations, relative to sigma.
-        sigma: noise level [m].
-        seed: seed of the noise of the first recording.
+    ``noise_scale`` (n,) is relative to sigma [m]; the seed is that of the first recording's noise.
     """
     return _frames(wrap(world, (FullView(),), sigma, noise_scale), seed)
 
@@ -112,11 +102,7 @@ def _wrapped(same: Same[Recording], layers: tuple[Layer, ...], sigma: float) -> 
 
 
 def _check_angles(view: View, recording: Recording) -> None:
-    """Refuse a sensor if a player passes behind it.
-
-    Raises:
-        ValueError: naming the player and the step.
-    """
+    """Refuse a sensor if a player passes behind it; the error names player and step."""
     dynamics = recording.scenario.game.dynamics
     names = view.component_names(dynamics)
     seen = observed(view, recording)

@@ -24,34 +24,21 @@ Announce = Callable[[str, float], None]
 
 @dataclass(frozen=True)
 class PlayerTask:
-    """All that a player process is told before it is asked for estimates.
+    """All that a player process is told before it is asked for estimates."""
 
-    Attributes:
-        reference: name or file of the estimator.
-        parameters: parameters of the estimator.
-        plugin: identifies an estimator that is a plugin; empty for a built-in one.
-        problem: what is known about the game.
-        seed: seed of the estimator's random numbers.
-        time_limit: time [s] for set-up, and again for each estimate.
-        homes: files of plugins whose classes the problem contains.
-        observations: one for each trajectory; none if samples are handed out one by one.
-        lag: number of latest samples that count then; None for all.
-        budget: time [s] that an estimate after a sample is told to keep to; None for a share of the
-            time limit.
-        set_up_limit: time [s] for set-up; None for the time limit.
-    """
-
-    reference: str
+    reference: str  # name or file of the estimator
     parameters: dict[str, Any]
-    plugin: str
-    problem: Problem
-    seed: int
-    time_limit: float
-    homes: tuple[str, ...] = ()
+    plugin: str  # identifies an estimator that is a plugin; empty for a built-in one
+    problem: Problem  # what is known about the game
+    seed: int  # of the estimator's random numbers
+    time_limit: float  # [s] for set-up, and again for each estimate
+    homes: tuple[str, ...] = ()  # files of plugins whose classes the problem contains
+    #: one per trajectory; none if samples come one by one
     observations: tuple[Observation, ...] = ()
-    lag: int | None = None
+    lag: int | None = None  # number of latest samples that count then; None for all
+    #: [s] that an estimate after a sample is told; None: a share of the limit
     budget: float | None = None
-    set_up_limit: float | None = None
+    set_up_limit: float | None = None  # [s]; None for the time limit
 
     @classmethod
     def of(cls, trial: Trial, problem: Problem, seed: int, **more: Any) -> "PlayerTask":
@@ -70,26 +57,15 @@ class PlayerTask:
 
 @dataclass(frozen=True)
 class Answer:
-    """The answer of a player.
+    """The answer of a player."""
 
-    Attributes:
-        declined: why the estimator declines the problem; None if it does not.
-        estimate: the unchecked estimate.
-        seconds: time from sending the observations to receiving the estimate [s].
-    """
-
-    declined: str | None = None
-    estimate: RawEstimate | None = None
-    seconds: float = 0.0
+    declined: str | None = None  # why the estimator declines the problem; None if it does not
+    estimate: RawEstimate | None = None  # unchecked
+    seconds: float = 0.0  # from sending the observations to receiving the estimate [s]
 
 
 class PlayerFault(Exception):  # noqa: N818 (names whose fault it is)
-    """A player gave no answer.
-
-    Attributes:
-        status: status of the trial.
-        seconds: as in ``Answer``, if an invalid estimate was returned.
-    """
+    """A player gave no answer, or an invalid one after so many seconds: the status of the trial."""
 
     def __init__(self, status: str, message: str, seconds: float | None = None) -> None:
         super().__init__(message)
@@ -100,29 +76,17 @@ class Player(Protocol):
     """Runs an estimator on whole observations."""
 
     def estimate(self, task: PlayerTask) -> Answer:
-        """The estimator's answer.
-
-        Raises:
-            PlayerFault: if there is none.
-        """
+        """The estimator's answer, or ``PlayerFault``."""
 
 
 class StreamPlayer(Protocol):
     """Runs an estimator on one motion after the other."""
 
     def start(self, task: PlayerTask) -> str | None:
-        """Begin a motion; why the estimator declines the problem, or None.
-
-        Raises:
-            PlayerFault: if it does neither.
-        """
+        """Begin a motion: why the estimator declines it, None, or ``PlayerFault``."""
 
     def update(self, sample: np.ndarray) -> Answer:
-        """The estimator's answer to the next sample (N, d).
-
-        Raises:
-            PlayerFault: if there is none.
-        """
+        """The estimator's answer to the next sample (N, d), or ``PlayerFault``."""
 
 
 class ForeignMetrics(Protocol):
@@ -131,11 +95,7 @@ class ForeignMetrics(Protocol):
     def score(
         self, metric: MetricEntry, case: Judged, homes: Sequence[str], seconds: float
     ) -> float | None:
-        """The score of a trial; None if the metric does not apply.
-
-        Raises:
-            MetricError: if the metric fails or returns no valid score.
-        """
+        """The score of a trial; None if it does not apply, ``MetricError`` if it is not valid."""
 
 
 def silent(stage: str, seconds: float) -> None:
@@ -144,17 +104,11 @@ def silent(stage: str, seconds: float) -> None:
 
 @dataclass(frozen=True)
 class Staff:
-    """Whom a referee has.
+    """Whom a referee has."""
 
-    Attributes:
-        player: runs the estimator: a ``Player`` in a study of trials, else a ``StreamPlayer``.
-        metrics: computes foreign metrics.
-        announce: called as each stage begins.
-    """
-
-    player: Any
+    player: Any  # runs the estimator: a ``Player`` in a study of trials, else a ``StreamPlayer``
     metrics: ForeignMetrics
-    announce: Announce = silent
+    announce: Announce = silent  # called as each stage begins
 
 
 def own_seconds(trial: Trial) -> float:

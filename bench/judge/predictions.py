@@ -1,7 +1,8 @@
 """Predictions from the samples so far, for weights that come without a motion, and without weights.
 
 The present state is that of the motion with constant controls that explains the latest samples
-best. It knows no game.
+best. It knows no game. Each prediction is given what is known and the samples (S, N, d) so far, and
+gives states (T, N, n); those of past samples are read off them.
 """
 
 from dataclasses import replace
@@ -31,29 +32,13 @@ _EVALUATIONS, _ROUNDS = 30, 30
 
 
 def drive_on(problem: Problem, seen: np.ndarray) -> np.ndarray:
-    """Every player goes on as it is, with controls of zero.
-
-    Args:
-        problem: what is known.
-        seen: (S, N, d) the samples so far.
-
-    Returns:
-        States (T, N, n); those of past samples are read off them.
-    """
+    """Every player goes on as it is, with controls of zero."""
     states, controls = _until_now(problem, seen)
     return _held(problem, states, np.zeros_like(controls))
 
 
 def turn_on(problem: Problem, seen: np.ndarray) -> np.ndarray:
-    """Every player goes on with its present controls: constant acceleration and turning.
-
-    Args:
-        problem: what is known.
-        seen: (S, N, d) the samples so far.
-
-    Returns:
-        States (T, N, n); those of past samples are read off them.
-    """
+    """Every player goes on with its present controls: constant acceleration and turning."""
     states, controls = _until_now(problem, seen)
     return _held(problem, states, controls)
 
@@ -61,12 +46,7 @@ def turn_on(problem: Problem, seen: np.ndarray) -> np.ndarray:
 def drive_as_cloned(problem: Problem, seen: np.ndarray) -> np.ndarray | None:
     """Every player goes on as players of the simulator did who were where it is now.
 
-    Args:
-        problem: what is known.
-        seen: (S, N, d) the samples so far.
-
-    Returns:
-        States (T, N, n), those of past samples read off them; None where no policy was trained.
+    None where no policy was trained.
     """
     policy = policy_of(problem.game)
     if policy is None:
@@ -77,16 +57,7 @@ def drive_as_cloned(problem: Problem, seen: np.ndarray) -> np.ndarray | None:
 
 
 def drive_as_stock(road: str, problem: Problem, seen: np.ndarray) -> np.ndarray:
-    """Every player goes on as HighwayEnv's own drivers do, towards its present speed.
-
-    Args:
-        road: name of the road.
-        problem: what is known.
-        seen: (S, N, d) the samples so far.
-
-    Returns:
-        States (T, N, n); those of past samples are read off them.
-    """
+    """Every player goes on as HighwayEnv's own drivers do, towards its present speed."""
     from olne_bench.envs.roads.stock_drivers import (  # slow, and for roads only
         StockDriver,
         drive_stock,
@@ -102,13 +73,7 @@ def drive_as_stock(road: str, problem: Problem, seen: np.ndarray) -> np.ndarray:
 def drive_as_fitted(road: str, problem: Problem, seen: np.ndarray) -> np.ndarray | None:
     """As ``drive_as_stock``, with drivers fitted to the samples so far.
 
-    Args:
-        road: name of the road.
-        problem: what is known.
-        seen: (S, N, d) the samples so far.
-
-    Returns:
-        States (T, N, n); None before the second sample, as one says nothing about a driver.
+    None before the second sample, as one says nothing about a driver.
     """
     from olne_bench.envs.roads.stock_drivers import predict_by_fit  # slow, and for roads only
 
@@ -125,17 +90,9 @@ def drive_as_fitted(road: str, problem: Problem, seen: np.ndarray) -> np.ndarray
 def play_on(
     problem: Problem, seen: np.ndarray, weights: np.ndarray, parameters: np.ndarray | None = None
 ) -> np.ndarray | None:
-    """What is left of the game at given weights, from the present state.
+    """What is left of the game at weights (N, K), from the present state; None if none is found.
 
-    Args:
-        problem: what is known.
-        seen: (S, N, d) the samples so far.
-        weights: (N, K).
-        parameters: (N, U) values of the game's unknowns; None where it has none.
-
-    Returns:
-        States (T, N, n): what is read off past samples, and the equilibrium that follows; None if
-        none is found.
+    Parameters (N, U) are values of the game's unknowns, if it has any.
     """
     game, (states, _) = problem.game, _until_now(problem, seen)
     if parameters is not None:

@@ -27,23 +27,7 @@ class InvalidEstimateError(Exception):
 
 
 class RawEstimate(msgspec.Struct, forbid_unknown_fields=True):
-    """An estimate on its way to the referee.
-
-    Attributes:
-        weights: as returned.
-        states: as returned, or None.
-        covariance: as returned, or None.
-        region: as returned, or None.
-        parameters: as returned, or None.
-        parameter_deviations: as returned, or None.
-        converged: as in ``Estimate``.
-        message: one line.
-        objective: ``extras["objective"]``, or None.
-        extras: the other extras that are finite numbers, booleans or short texts, the first
-            ``MOST_EXTRAS`` by name.
-        samples: as returned, or None.
-        parameter_samples: as returned, or None.
-    """
+    """An estimate on its way to the referee: arrays as returned, or None."""
 
     weights: Array
     states: Array | None
@@ -51,8 +35,9 @@ class RawEstimate(msgspec.Struct, forbid_unknown_fields=True):
     parameters: Array | None
     parameter_deviations: Array | None
     converged: bool
-    message: str
-    objective: float | None
+    message: str  # one line
+    objective: float | None  # ``extras["objective"]``
+    #: the first ``MOST_EXTRAS`` others by name that are finite numbers, booleans or short texts
     extras: dict[str, bool | int | float | str]
     region: str | None = None
     samples: Array | None = None
@@ -62,8 +47,7 @@ class RawEstimate(msgspec.Struct, forbid_unknown_fields=True):
 def read_estimate(result: Any) -> RawEstimate:
     """Read an estimate attribute by attribute, as plugins need not use our class.
 
-    Raises:
-        InvalidEstimateError: naming the attribute that cannot be read or is of a wrong type.
+    The error names the attribute that cannot be read or is of a wrong type.
     """
     if result is None:
         raise InvalidEstimateError("returned NoneType without 'weights'")

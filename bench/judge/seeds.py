@@ -15,13 +15,7 @@ _CHANGED, _USUAL = "changed", "highway"
 
 
 def stream(salt: str, purpose: str, *key: str | int | float) -> int:
-    """A seed of 63 bits.
-
-    Args:
-        salt: salt of the suite.
-        purpose: purpose of the numbers; each purpose gets its own stream.
-        key: further values that distinguish streams.
-    """
+    """A seed of 63 bits; each purpose, and each key, has its own stream of numbers."""
     text = json.dumps([salt, purpose, *key])
     return int.from_bytes(hashlib.sha256(text.encode()).digest()[:8], "big") >> 1
 

@@ -1,8 +1,7 @@
 """The referee of motions that go on: it hands out one sample at a time and scores each estimate.
 
-A player has the problem and the samples so far. What comes later is not there, so no estimate can
-depend on it. An estimate counts if it is there before the next sample; until a valid one is, the
-one before it counts.
+A player has the problem and the samples so far, so no estimate can depend on what comes later. An
+estimate counts if it is there before the next sample; until one is, the one before it counts.
 """
 
 from collections.abc import Iterator
@@ -63,44 +62,29 @@ ERROR_COLUMNS = tuple(f"{kind}_{ahead:g}s" for ahead in AHEAD for kind in ("ade"
 
 @dataclass(frozen=True)
 class Update:
-    """What became of one sample.
+    """What became of one sample."""
 
-    Attributes:
-        sample: number of samples so far.
-        time: time of the sample since the first one [s].
-        status: as of trials (``plan.outcome.STATUSES``).
-        message: one line; empty if there is nothing to say.
-        latency: time from sending the sample to receiving the estimate [s].
-        late: whether that was longer than the time until the next sample.
-        counted: number of samples that the estimate which counts now was made from; None while
-            there is none, and where the referee estimates nothing.
-        cosine_error: of the weights that count.
-        prior_error: cosine error of uniform weights.
-        errors: distance [m] between predicted and true positions, mean over players, by column:
-            ``fde_1s`` is that after a second, ``ade_1s`` the mean up to then. Those that would be
-            beyond the horizon are missing.
-        fit_p: with the last sample, whether noise explains the residuals of all
-            (``estimators.shared.fit_test``).
-    """
-
-    sample: int
-    time: float
-    status: str
+    sample: int  # number of samples so far
+    time: float  # of the sample, since the first one [s]
+    status: str  # as of trials (``plan.outcome.STATUSES``)
     message: str = ""
-    latency: float | None = None
-    late: bool = False
+    latency: float | None = None  # from sending the sample to receiving the estimate [s]
+    late: bool = False  # whether that was longer than the time until the next sample
+    #: number of samples of the estimate that counts now; None while there is none
     counted: int | None = None
-    cosine_error: float | None = None
-    prior_error: float | None = None
+    cosine_error: float | None = None  # of the weights that count
+    prior_error: float | None = None  # cosine error of uniform weights
+    #: distance [m] of predicted from true positions, mean over players, by column: ``fde_1s`` after
+    #: a second, ``ade_1s`` the mean up to then; none beyond the horizon
     errors: dict[str, float] = field(default_factory=dict)
-    fit_p: float | None = None
+    fit_p: float | None = None  # with the last sample: whether noise explains the residuals of all
 
 
 def judge(motion: Trial, staff: Staff) -> Outcome:
     """Judge an estimator on one motion, or what estimators are compared with.
 
-    The status is that of the first sample that has another one than ``ok``. What each sample led to
-    is JSON text in ``extras``. A draw without an equilibrium is ``skipped``.
+    The status is the first that is not ``ok``; ``extras`` has a row a sample, as JSON text. A draw
+    without an equilibrium is ``skipped``.
     """
     try:
         rows = list(follow(motion, staff.player, staff.announce))
@@ -116,14 +100,7 @@ def judge(motion: Trial, staff: Staff) -> Outcome:
 def follow(motion: Trial, player: StreamPlayer, announce: Announce = silent) -> Iterator[Update]:
     """Judge an estimator on one motion, or what estimators are compared with; a row a sample.
 
-    Args:
-        motion: what to judge.
-        player: runs the estimator.
-        announce: called with the name of each stage as it begins, and the time that it may take
-            [s].
-
-    Raises:
-        NoEquilibriumError: if the scenario has no certified equilibrium.
+    Raises ``NoEquilibriumError`` if the scenario has no certified equilibrium.
     """
     case = case_of(motion)
     if motion.reference:
@@ -152,8 +129,8 @@ def follow(motion: Trial, player: StreamPlayer, announce: Announce = silent) -> 
 def _reference_updates(motion: Trial, case: Case, announce: Announce) -> Iterator[Update]:
     """The rows of one of ``REFERENCES``; none where it makes no sense.
 
-    Drivers are fitted after some samples only, as that takes seconds to a minute each time, and
-    only where a prediction can be scored. There are no rows for the others.
+    Drivers are fitted after some samples only, as that takes up to a minute, and only where a
+    prediction can be scored.
     """
     name, samples = motion.reference, len(case.recordings[0].states)
     of_roads = name in (STOCK, STOCK_FITTED)
@@ -185,9 +162,8 @@ def _referred(case: Case, name: str, seen: np.ndarray) -> np.ndarray | None:
     if name in (STOCK, STOCK_FITTED):
         drive = drive_as_stock if name == STOCK else drive_as_fitted
         return drive(scenario.name, case.problem, seen)
-    return (
-        drive_on(case.problem, seen) if name == CONSTANT_VELOCITY else turn_on(case.problem, seen)
-    )
+    go_on = drive_on if name == CONSTANT_VELOCITY else turn_on
+    return go_on(case.problem, seen)
 
 
 def prediction_errors(case: Case, states: np.ndarray, count: int) -> dict[str, float]:

@@ -1,7 +1,6 @@
 """The referee judges trials: it plays a scenario, lets sensors observe, and scores an estimate.
 
-Only the referee knows the truth. An estimator runs in another process (``judge.players``), which
-receives a problem and observations and nothing else.
+Only the referee knows the truth. An estimator runs in another process (``judge.players``).
 """
 
 import json
@@ -14,7 +13,7 @@ import numpy as np
 from olne_bench import plugins
 from olne_bench.bench.judge.estimate_check import check_estimate
 from olne_bench.bench.judge.likelihood import likelihood_ratio, posterior_ratio
-from olne_bench.bench.judge.metrics.judged import HeldOut, Judged, Once
+from olne_bench.bench.judge.metrics.judged import Judged, Once
 from olne_bench.bench.judge.metrics.scoring import MetricError, score_all
 from olne_bench.bench.judge.observe import observe, observed, problem_of, sensor_model
 from olne_bench.bench.judge.players import (
@@ -47,12 +46,7 @@ from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip, describe_error
 from olne_bench.envs.recordings.recording import NoEquilibriumError, Recording
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
-from olne_bench.estimators.shared.fit_test import (
-    Expected,
-    expected_at,
-    peak_near,
-    residuals_at,
-)
+from olne_bench.estimators.shared.fit_test import Expected, expected_at, peak_near, residuals_at
 from olne_bench.estimators.shared.forward_model import game_at, game_of_motion
 from olne_bench.estimators.shared.noise_level import with_told_noise
 from olne_bench.estimators.shared.posterior_density import density_near
@@ -65,34 +59,20 @@ from olne_bench.games.solve.newton import Root
 
 @dataclass(frozen=True)
 class Case:
-    """The truth of a trial and its observations.
-
-    Attributes:
-        draw: draw of the scenario.
-        model: what may be known of the sensor.
-        recordings: the true motions, one for each trajectory.
-        problem: what an estimator is told.
-        observations: what it is shown.
-        outcome: the fields that are known before the estimate.
-    """
+    """The truth of a trial and its observations."""
 
     draw: Draw
-    model: SensorModel
-    recordings: tuple[Recording, ...]
-    problem: Problem
-    observations: tuple[Observation, ...]
-    outcome: Outcome
+    model: SensorModel  # what may be known of the sensor
+    recordings: tuple[Recording, ...]  # the true motions, one for each trajectory
+    problem: Problem  # what an estimator is told
+    observations: tuple[Observation, ...]  # what it is shown
+    outcome: Outcome  # the fields that are known before the estimate
 
 
 def judge(trial: Trial, staff: Staff) -> Outcome:
-    """Judge a trial.
+    """Judge a trial; its stages after the set-up are estimate and scoring.
 
     What goes wrong outside the player is a ``harness_error``, never an estimator's failure.
-
-    Args:
-        trial: what to judge.
-        staff: who runs the estimator and foreign metrics; stages after the set-up are estimate and
-            scoring.
     """
     try:
         case = case_of(trial)
@@ -145,11 +125,7 @@ def judge_case(trial: Trial, case: Case, staff: Staff) -> Outcome:
 
 
 def layers_of(sensor: SensorEntry) -> tuple[Layer, ...]:
-    """The layers of a sensor, the innermost first.
-
-    Raises:
-        PluginError: if one cannot be constructed.
-    """
+    """The layers of a sensor, the innermost first; ``PluginError`` if one cannot be made."""
     made = [plugins.make(plugins.SENSOR, entry.name, entry.parameters) for entry in sensor.layers]
     return tuple(layer for one in made for layer in _layers(one))
 
@@ -160,21 +136,13 @@ def _layers(sensor: Any) -> tuple[Layer, ...]:
 
 
 def case_of(trial: Trial) -> Case:
-    """The truth of a trial and its observations.
-
-    Raises:
-        NoEquilibriumError: if its scenario has no certified equilibrium.
-    """
+    """The truth of a trial and its observations; raises as ``case_at``."""
     draw = Draw.of(trial.scenario, trial.seed, trial.salt)
     return case_at(draw, layers_of(trial.sensor), trial)
 
 
 def case_at(draw: Draw, layers: tuple[Layer, ...], trial: Trial) -> Case:
-    """The case of a trial on a draw, seen through layers of a sensor.
-
-    Raises:
-        NoEquilibriumError: if the draw has no certified equilibrium.
-    """
+    """The case of a trial on a draw, or ``NoEquilibriumError`` without a certified equilibrium."""
     seed = noise_seed(trial.scenario, trial.sigma, trial.seed, trial.salt)
     problem, observations = shown(draw, layers, trial.sigma, seed)
     problem = _as_told(problem, draw, trial.rules)
@@ -205,16 +173,9 @@ def _as_told(problem: Problem, draw: Draw, rules: Rules) -> Problem:
 def shown(
     draw: Draw, layers: tuple[Layer, ...], sigma: float, seed: int
 ) -> tuple[Problem, tuple[Observation, ...]]:
-    """What an estimator is told and shown of a draw.
+    """What an estimator is told and shown of a draw; sigma is in [m], the seed from ``noise_seed``.
 
-    Args:
-        draw: the truth.
-        layers: layers of the sensor.
-        sigma: noise level [m].
-        seed: seed of the noise, from ``noise_seed``.
-
-    Raises:
-        NoEquilibriumError: if the draw has no certified equilibrium.
+    Raises ``NoEquilibriumError`` if the draw has no certified equilibrium.
     """
     recordings, model = true_recordings(draw), _model(draw, layers)
     scenario = recordings[0].scenario
@@ -223,11 +184,7 @@ def shown(
 
 
 def _scored(
-    estimate: Estimate,
-    trial: Trial,
-    case: Case,
-    outcome: Outcome,
-    foreign: ForeignMetrics,
+    estimate: Estimate, trial: Trial, case: Case, outcome: Outcome, foreign: ForeignMetrics
 ) -> Outcome:
     """Score a well-formed estimate."""
     true_weights = case.recordings[0].scenario.weights
@@ -262,12 +219,13 @@ def _scored(
 def _with_prediction(judged: Judged, trial: Trial, case: Case, root: Root) -> Judged:
     """What metrics see of a trial whose forward game is known."""
     estimate, problem, found = judged.estimate, case.problem, (judged.estimate, root)
+    theta = estimate.theta(problem.game)
     return replace(
         judged,
         prediction=root.states,
-        held_out=partial(_held_out, case.draw, estimate.theta(problem.game), trial.root_iterations),
+        held_out=partial(held_out, case.draw, theta, trial.root_iterations),
         held_out_samples=partial(_held_out_samples, case, trial, estimate),
-        ahead=partial(ahead, case.draw, estimate.theta(problem.game)),
+        ahead=partial(ahead, case.draw, theta),
         likelihood_ratio=Once(
             partial(likelihood_ratio, problem, case.observations, case.recordings, *found)
         ),
@@ -335,23 +293,12 @@ def _with_scores(
     return replace(outcome, scores=scores, message=clip("; ".join(notes)))
 
 
-def _held_out(draw: Draw, theta: np.ndarray, root_iterations: int) -> tuple[HeldOut, ...] | None:
-    try:
-        return held_out(draw, theta, root_iterations)
-    except NoEquilibriumError:  # nothing near this draw to predict
-        return None
-
-
 def _held_out_samples(case: Case, trial: Trial, estimate: Estimate, most: int) -> np.ndarray | None:
     game = case.problem.game
     samples = estimate.sampled_theta(game, most)
     if samples is None:
         return None
-    try:
-        theta = estimate.theta(game)
-        return held_out_samples(case.draw, theta, samples, trial.root_iterations)
-    except NoEquilibriumError:  # nothing near this draw to predict
-        return None
+    return held_out_samples(case.draw, estimate.theta(game), samples, trial.root_iterations)
 
 
 def _observation_error(

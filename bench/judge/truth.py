@@ -43,21 +43,13 @@ _ROUNDS = 30
 
 @dataclass(frozen=True)
 class Draw:
-    """One member of a scenario family, or a fixed scenario.
+    """One member of a scenario family, or a fixed scenario."""
 
-    Attributes:
-        name: name or file of the scenario.
-        options: options of the scenario, as JSON.
-        trajectories: number of trajectories.
-        seed: seed of the draw; a fixed scenario uses it for other starts only.
-        given: the scenario, if it is an object of this process that no name stands for.
-    """
-
-    name: str
-    options: str
-    trajectories: int
-    seed: int
-    given: Same[Scenario] | None = None
+    name: str  # name or file of the scenario
+    options: str  # of the scenario, as JSON
+    trajectories: int  # how many
+    seed: int  # a fixed scenario uses it for other starts only
+    given: Same[Scenario] | None = None  # an object of this process that no name stands for
 
     @classmethod
     def of(cls, scenario: ScenarioEntry, seed: int, salt: str) -> "Draw":
@@ -75,19 +67,14 @@ class Draw:
 
 
 def true_recording(draw: Draw) -> Recording:
-    """The true motion of a draw.
-
-    Raises:
-        NoEquilibriumError: where no certified equilibrium was found.
-    """
+    """The true motion of a draw, or ``NoEquilibriumError`` without a certified equilibrium."""
     return _recording(draw.name, draw.options, draw.seed, draw.given)
 
 
 def true_recordings(draw: Draw) -> tuple[Recording, ...]:
     """The true motions of a draw: from its own start and, for further trajectories, from others.
 
-    Raises:
-        NoEquilibriumError: where no certified equilibrium was found.
+    Raises ``NoEquilibriumError`` where no certified equilibrium was found.
     """
     return (true_recording(draw), *_nearby(draw, draw.trajectories - 1, "trajectories"))
 
@@ -95,25 +82,16 @@ def true_recordings(draw: Draw) -> tuple[Recording, ...]:
 def held_out_recordings(draw: Draw) -> tuple[Recording, ...]:
     """The true motions from the nearby initial states from which predictions are judged.
 
-    Raises:
-        NoEquilibriumError: if there are too few certified equilibria nearby.
+    Raises ``NoEquilibriumError`` if there are too few certified equilibria nearby.
     """
     return _nearby(draw, HELD_OUT, "held out")
 
 
 def held_out(draw: Draw, theta: np.ndarray, root_iterations: int) -> tuple[HeldOut, ...] | None:
-    """Predictions from nearby initial states at theta (N, K + U), as in ``predict_from_start``.
+    """Predictions from ``held_out_recordings``' states at theta (N, K + U).
 
-    There are ``HELD_OUT`` states, each with a certified equilibrium at the true weights. The
-    prediction from the draw's own initial state (``predict_from_start``) is followed to each of
-    them (``nearby_starts.follow_start``).
-
-    Returns:
-        The predictions; None if there is none from the draw's own initial state, or if no root is
-        found for one of the starts.
-
-    Raises:
-        NoEquilibriumError: if there are too few certified equilibria nearby.
+    That of ``predict_from_start`` is followed to each state (``nearby_starts.follow_start``). None
+    if there is none, if too few starts have an equilibrium, or if no root is found for one of them.
     """
     roots = _held_out_roots(draw, theta.tobytes(), root_iterations)
     if roots is None:
@@ -125,19 +103,10 @@ def held_out(draw: Draw, theta: np.ndarray, root_iterations: int) -> tuple[HeldO
 def held_out_samples(
     draw: Draw, theta: np.ndarray, samples: np.ndarray, root_iterations: int
 ) -> np.ndarray | None:
-    """Predictions from the states of ``held_out`` at samples of theta, followed from its own.
+    """Predictions (H, M, T, N, n) from ``held_out``'s states at samples (M, N, K + U) of theta.
 
-    Args:
-        draw: the truth.
-        theta: (N, K + U) of the estimate.
-        samples: (M, N, K + U).
-        root_iterations: as in ``Suite``.
-
-    Returns:
-        (H, M, T, N, n), NaN for a sample whose game is not found; None as in ``held_out``.
-
-    Raises:
-        NoEquilibriumError: as in ``held_out``.
+    They are followed from that at theta; NaN for a sample whose game is not found. None as in
+    ``held_out``.
     """
     roots = _held_out_roots(draw, theta.tobytes(), root_iterations)
     if roots is None:
@@ -156,9 +125,8 @@ def held_out_samples(
 def predict_from_start(draw: Draw, theta: np.ndarray, root_iterations: int) -> Prediction:
     """The forward game at theta (N, K + U), from a draw's true initial state.
 
-    Theta is what the scenario's ``told`` game leaves open: weights and standardised parameters.
-
-    The latest predictions are cached, as some estimators return the same weights repeatedly.
+    Theta is what the scenario's ``told`` game leaves open: weights and standardised parameters. The
+    latest predictions are cached, as some estimators return the same weights repeatedly.
     ``root_iterations`` is as in ``Suite``.
     """
     return _prediction(draw, theta.tobytes(), root_iterations)
@@ -167,8 +135,7 @@ def predict_from_start(draw: Draw, theta: np.ndarray, root_iterations: int) -> P
 def ahead(draw: Draw, theta: np.ndarray, seconds: float) -> tuple[np.ndarray, np.ndarray] | None:
     """What follows a draw's last true state: what happens, and what the game at theta predicts.
 
-    Returns:
-        States (S+1, N, n) twice, the last true ones first; None where either is not found.
+    States (S+1, N, n) twice, the last true ones first; None where either is not found.
     """
     recording = true_recording(draw)
     steps = max(1, round(seconds / recording.scenario.game.dt))
@@ -185,12 +152,8 @@ def unit_cosine_limit(
 ) -> float | None:
     """Expected cosine error of an efficient estimator at sigma = 1; None if not identifiable.
 
-    Multiply it by sigma^2 (``games.solve.information.cosine_error_limit``).
-
-    Args:
-        draw: the truth.
-        model: model of the sensor.
-        seen: observations (T, N, d) of each trajectory, needed if samples are missing.
+    Multiply it by sigma^2 (``games.solve.information.cosine_error_limit``). Observations ``seen``
+    (T, N, d) of each trajectory are needed if samples are missing.
     """
     if seen is None:
         return _unit_limit(draw, model)
@@ -204,10 +167,7 @@ def unit_cosine_limit(
 def sensitivities_of(draw: Draw, model: SensorModel) -> tuple[np.ndarray, ...]:
     """Sensitivity of each trajectory's observations, whitened by their noise.
 
-    It is that of ``observation_sensitivity``.
-
-    Raises:
-        ValueError: if an equilibrium is singular, so that it is no function of the weights.
+    Raises ValueError if an equilibrium is singular, so that it is no function of the weights.
     """
     return tuple(
         observation_sensitivity(
@@ -224,12 +184,7 @@ def sensitivities_of(draw: Draw, model: SensorModel) -> tuple[np.ndarray, ...]:
 
 
 def true_scene(draw: Draw, model: SensorModel) -> TrueScene:
-    """What reports need of a draw and a sensor.
-
-    Raises:
-        NoEquilibriumError: where no certified equilibrium was found.
-        ValueError: as ``sensitivities_of``.
-    """
+    """What reports need of a draw and a sensor; raises as ``sensitivities_of``."""
     recording = true_recording(draw)
     scenario, told = recording.scenario, recording.scenario.told
     temperaments, shares = _drivers(draw)
@@ -299,7 +254,10 @@ def _goes_on(game: Game, weights: np.ndarray, last: np.ndarray, steps: int) -> n
 @lru_cache(maxsize=16)
 def _held_out_roots(draw: Draw, theta: bytes, root_iterations: int) -> tuple[Root, ...] | None:
     """Roots from the held-out states at theta; None as in ``held_out``."""
-    recordings = held_out_recordings(draw)
+    try:
+        recordings = held_out_recordings(draw)
+    except NoEquilibriumError:  # nothing near this draw to predict
+        return None
     known = _prediction(draw, theta, root_iterations).root
     if known is None:
         return None

@@ -9,19 +9,11 @@ _EXACT = 1e-9  # errors of weights, which sum to one
 
 
 def weight_levels(weights: np.ndarray, estimate: Estimate) -> np.ndarray | None:
-    """Probability, to the estimate, that each weight is below its true value.
+    """Probability (N, K), to the estimate, that each weight is below its true value (N, K).
 
     Of samples it is the rank of the truth among them (simulation-based calibration: Talts et al.
-    2018), of a covariance the normal probability. If an estimate is calibrated, levels are uniform
-    between 0 and 1, and a central interval of 80 % holds the truth where the level lies between
-    0.1 and 0.9.
-
-    Args:
-        weights: (N, K) true weights, rows sum to one.
-        estimate: the estimate.
-
-    Returns:
-        (N, K); None where its region tells nothing about single weights.
+    2018), of a covariance the normal probability; None of other regions. If an estimate is
+    calibrated, levels are uniform between 0 and 1.
     """
     if estimate.region == SAMPLES and estimate.samples is not None:
         below, same = estimate.samples < weights, estimate.samples == weights

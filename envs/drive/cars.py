@@ -1,13 +1,12 @@
 """Cars of a drive that goes on, drawn from the proposals of a road's family; costs of the ego.
 
 A drive takes smaller steps than a scenario: three of the simulator's frames. Its costs are the
-scenario's per second, as those of each step are the same and those of controls are scaled along.
+scenario's per second.
 
-The ego pays by its own true features and weights (``EgoCost``). A car that is far away counts as
-nothing, so that it does not matter how many there are: proximity is counted from where a car is
-``RANGE`` lengths ahead. The unit is what a step costs an ego that stands at its start, alone. What
-the ego has hit stays hit: after a collision each step costs one, and no step costs more, so that
-drives count alike whatever the weights and the road.
+The ego pays by its own true features and weights (``EgoCost``). Proximity is counted from where a
+car is ``RANGE`` lengths ahead, so that it does not matter how many are far away. The unit is what a
+step costs an ego that stands at its start, alone. After a collision each step costs one, and no
+step costs more, so that drives count alike whatever the weights and the road.
 """
 
 from collections.abc import Sequence

@@ -1,7 +1,6 @@
 """The ego of a drive as an environment of Gymnasium, for drivers that learn.
 
-What they see is in the frame of the ego and about of size one, so that one driver can learn all
-roads.
+What they see is in the ego's frame and about of size one, so that one driver can learn all roads.
 """
 
 from collections.abc import Sequence

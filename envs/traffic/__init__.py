@@ -5,19 +5,16 @@ Use it from a stock configuration::
     gym.make("highway-v0", config={"other_vehicles_type": "olne_bench.envs.traffic.NashVehicle"})
 
 Every ``PLAN_STEP`` seconds, Nash vehicles near each other solve one open-loop game over the next
-``STEPS`` plan steps. All games of a road are solved at once. The solver starts from previous plans,
-and each vehicle drives the first step of the solution. HighwayEnv still decides which lane a
-vehicle takes (MOBIL and the planned route). The game decides how the vehicle gets there among the
-other planning vehicles.
+``STEPS`` plan steps, and each drives the first step of the solution. HighwayEnv still decides which
+lane a vehicle takes (MOBIL and the planned route).
 
-The ego vehicle, and any other vehicle that does not plan, is predicted to keep its lane and speed.
-It is not a player: its cost is unknown, and a vehicle that relied on the ego's cooperation would
-collide with an ego that does not cooperate. Nash vehicles of another group are predicted to follow
-their previous plans.
+The ego, and any other vehicle that does not plan, is predicted to keep its lane and speed: its cost
+is unknown, and who relied on its cooperation would collide with an ego that does not cooperate.
+Nash vehicles of another group are predicted to follow their previous plans.
 
 A vehicle without a new plan follows the rest of its previous one. If that is used up, or if its
-equilibrium collides with something, it drives by the Intelligent Driver Model until the next
-attempt. Some equilibria do collide, as costs are finite. ``traffic_report`` counts the cases.
+equilibrium collides with something, as some do, it drives by the Intelligent Driver Model until the
+next attempt. ``traffic_report`` counts the cases.
 """
 
 from typing import Any

@@ -1,13 +1,8 @@
 """Gymnasium environments: HighwayEnv's ego among traffic that plays a Nash equilibrium.
 
-The road, the ego, its observations, actions and rewards are HighwayEnv's own, and so is the
-``config`` that ``gymnasium.make`` takes. Only the other vehicles differ: they are ``NashVehicle``
-unless ``config["other_vehicles_type"]`` names another class, such as those of
-``olne_bench.envs.traffic``.
-
-``import olne_bench.envs`` registers the ids ``olne/NashHighway-v0``, ``olne/NashMerge-v0``,
-``olne/NashRoundabout-v0``, ``olne/NashIntersection-v0`` and ``olne/NashTwoWay-v0``. This module
-is imported when one of them is made.
+All but the other vehicles is HighwayEnv's own; they are ``NashVehicle`` unless
+``config["other_vehicles_type"]`` names another class. ``import olne_bench.envs`` registers the ids
+(``envs.worlds.gym_ids``); this module is imported when one of them is made.
 """
 
 from typing import Any

@@ -1,8 +1,7 @@
 """``highway_v0`` for learners: ego-relative observations and actions, scaled to about one.
 
-``ForLearners`` is a PettingZoo wrapper. Observations and actions of all players have the same shape
-and the bounds -1 and 1, and no player leaves before the episode ends. So SuperSuit and
-Stable-Baselines3 accept the world as it is.
+All players have the same shapes and the bounds -1 and 1, and none leaves before the episode ends.
+So SuperSuit and Stable-Baselines3 accept the world as it is.
 """
 
 from functools import lru_cache
@@ -42,15 +41,15 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
     those of ``OTHER`` for each other player, the nearest first. Positions and velocities of others
     are relative to the player, in a frame along its heading. Weights are the player's own.
 
-    **Action**: ``Box(-1, 1, (2,), float32)``, steering and acceleration in units of ``STEERING``
-    and ``ACCELERATION``; values outside are clipped.
+    **Action**: ``Box(-1, 1, (2,), float32)``, clipped; steering and acceleration in units of
+    ``STEERING`` and ``ACCELERATION``.
 
-    **Reward**: the world's reward, and ``crash_reward`` once for a crash. The latter is needed if
-    costs are positive, because a crashed player has no further costs.
+    **Reward**: the world's reward, and ``crash_reward`` once for a crash, as a crashed player has
+    no further costs.
 
-    **End**: all players terminate or are truncated together. After a crash a player observes
-    zeros, its rewards are 0 and its actions are ignored ("black death");
-    ``infos[player]["crashed"]`` is then true.
+    **End**: all players terminate or are truncated together. After a crash a player observes zeros,
+    its rewards are 0, its actions are ignored ("black death"), and ``infos[player]["crashed"]`` is
+    true.
 
     Args:
         env: a world of ``highway_v0``. With ``reveal_truth=False`` its infos hold no truth.
@@ -59,8 +58,7 @@ class ForLearners(BaseParallelWrapper[str, np.ndarray, np.ndarray]):
         crash_reward: added to the reward of the step in which a player crashes.
 
     Raises:
-        ValueError: if the world is not of ``highway_v0`` or is wrapped already, or ``draws`` is
-            below 1.
+        ValueError: if the world is not of ``highway_v0`` or is wrapped, or ``draws`` is below 1.
     """
 
     def __init__(

@@ -41,12 +41,8 @@ def player_index(name: str) -> int:
 class ObservationLayout:
     """The layout of an observation vector of N*d + 1 entries.
 
-    It names components as ``games.model.dynamics.Dynamics`` does, so observation models apply to
-    blocks as they do to states.
-
-    Attributes:
-        state_names: names of the d entries of a block.
-        num_players: N.
+    It names the d components of a block as ``games.model.dynamics.Dynamics`` does, so observation
+    models apply to blocks as they do to states.
     """
 
     state_names: tuple[str, ...]
@@ -72,10 +68,7 @@ class ObservationLayout:
         return observation[:-1].reshape(self.num_players, -1)
 
     def by_index(self, observation: np.ndarray, player: str) -> np.ndarray:
-        """The blocks (N, d) of a player's observation in the order of player indices.
-
-        Stacked over time, these are the ``y`` (T, N, d) that estimators take.
-        """
+        """Blocks (N, d) of a player's observation by player index; over time, ``y`` (T, N, d)."""
         ordered = np.empty((self.num_players, self.state_size), observation.dtype)
         ordered[self.order(player)] = self.blocks(observation)
         return ordered
@@ -83,21 +76,13 @@ class ObservationLayout:
 
 @dataclass(frozen=True)
 class SpaceSize:
-    """The parameters of a scenario's spaces.
+    """The parameters of a scenario's spaces."""
 
-    Attributes:
-        layout: layout of the observations.
-        control_names: names of the m components of an action.
-        control_limits: (m,) largest magnitude of each control.
-        state_limits: (n,) largest magnitude of each component of the state.
-        duration: duration of a whole episode [s].
-    """
-
-    layout: ObservationLayout
-    control_names: tuple[str, ...]
-    control_limits: tuple[float, ...]
-    state_limits: tuple[float, ...]
-    duration: float
+    layout: ObservationLayout  # of the observations
+    control_names: tuple[str, ...]  # of the m components of an action
+    control_limits: tuple[float, ...]  # (m,) largest magnitudes
+    state_limits: tuple[float, ...]  # (n,) largest magnitudes
+    duration: float  # of a whole episode [s]
 
     @classmethod
     def of(cls, scenario: Scenario) -> "SpaceSize":
@@ -138,24 +123,15 @@ class Spaces:
         }
 
     def of_player(self, player: str, spaces: Mapping[str, Box]) -> Box:
-        """A player's space in one of the dictionaries of spaces.
-
-        Raises:
-            ValueError: on an unknown player.
-        """
+        """A player's space in one of the dictionaries; ValueError on an unknown player."""
         if player not in spaces:
             raise ValueError(f"unknown player {player!r}; players are: {', '.join(spaces)}")
         return spaces[player]
 
     def controls(self, actions: dict[str, np.ndarray], players: list[str]) -> np.ndarray:
-        """Actions as controls (N, m), zero for players that have left the episode.
+        """Actions (m,) by player as controls (N, m), zero for players that have left the episode.
 
-        Args:
-            actions: actions (m,) by player.
-            players: players that must act.
-
-        Raises:
-            ValueError: with a message that names the player, the value and the allowed range.
+        ``players`` must act. The ValueError names the player, the value and the allowed range.
         """
         missing = [player for player in players if player not in actions]
         unknown = [str(player) for player in actions if player not in players]

@@ -10,15 +10,10 @@ from olne_bench.envs.worlds.layout import ObservationLayout, Start, Step, player
 
 
 class RecordedWorld(ParallelEnv[str, np.ndarray, np.ndarray]):
-    """A motion, played again; actions have no effect.
+    """A motion (S, N, n) in steps of dt [s], played again; actions have no effect.
 
     The only agent is the observer ``player_0``. It sees what it saw in the recorded world: all
-    players in the order of their indices. Nothing is random.
-
-    Args:
-        states: (S, N, n) of the S steps of an episode.
-        state_names: names of the n components of a state.
-        dt: duration of a step [s].
+    players in the order of their indices.
     """
 
     metadata: ClassVar[dict[str, Any]] = {"name": "recorded", "render_modes": []}

@@ -8,14 +8,8 @@ from olne_bench.games.model.costs import FinalGoal, StateDeviation
 #: A colour per player, the same in frames, figures and pages. None is close to a colour of an
 #: estimator.
 PLAYER_COLOURS = (
-    "#7A3FD1",
-    "#E8307F",
-    "#4C9A12",
-    "#B4160B",
-    "#8C8BEA",
-    "#C45BEE",
-    "#2450DD",
-    "#C11FA6",
+    *("#7A3FD1", "#E8307F", "#4C9A12", "#B4160B"),
+    *("#8C8BEA", "#C45BEE", "#2450DD", "#C11FA6"),
 )
 
 

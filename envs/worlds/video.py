@@ -1,7 +1,4 @@
-"""Write frames to a video file: GIF by Pillow, MP4 by the ffmpeg of imageio-ffmpeg.
-
-The latter is large and installed by the extra ``video``.
-"""
+"""Write frames to a video file: GIF by Pillow, MP4 by ffmpeg, of the extra ``video``."""
 
 from collections.abc import Iterable
 from importlib.util import find_spec
@@ -16,15 +13,12 @@ SUFFIXES = (".mp4", ".gif")
 
 
 def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
-    """Write a video.
+    """Write a video; UserError where its format needs what is not installed.
 
     Args:
         path: video file; its suffix is one of ``SUFFIXES``.
         frames: (height, width, 3) uint8, at least one, all of the same size.
         fps: frames per second.
-
-    Raises:
-        UserError: where a format needs what is not installed.
     """
     check_format(path)
     if path.suffix.lower() == ".gif":
@@ -34,11 +28,7 @@ def write_video(path: Path, frames: Iterable[np.ndarray], fps: float) -> None:
 
 
 def check_format(path: Path) -> None:
-    """Refuse a format that cannot be written here, before frames are drawn.
-
-    Raises:
-        UserError: where a format needs what is not installed.
-    """
+    """Refuse a format that cannot be written here, with UserError, before frames are drawn."""
     if path.suffix.lower() == ".mp4" and find_spec("imageio_ffmpeg") is None:
         raise UserError(
             f"{path}: MP4 needs imageio-ffmpeg: pip install 'olne-bench[video]'; "

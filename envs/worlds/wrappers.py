@@ -5,12 +5,9 @@ stream per player, seeded from the seed of ``reset`` and a key of its class, so 
 other sensors depend on it. Noise has one stream per name of a component: two sensors that both show
 ``px`` show the same noise on it.
 
-``wrap`` puts the layers of a sensor (``games.model.sensor``) around a world, in the order that
-likelihoods assume.
-
 Wrappers can be stacked in any order in which each finds the components it needs, around any world
-with an ``observation_layout`` (see ``envs.worlds.layout``). Wrappers of other libraries may be
-used; those below a sensor must keep the shape of the observations::
+with an ``observation_layout`` (``envs.worlds.layout``); those of other libraries below a sensor
+must keep the shape of the observations::
 
     world = AWGN(PartialObservation(olne_v0.parallel_env(), ("px", "py", "heading")), sigma=0.02)
 """
@@ -50,11 +47,11 @@ _STEPS_AHEAD = 32
 def wrap(
     world: World, layers: Sequence[Layer], sigma: float, noise_scale: Sequence[float] | np.ndarray
 ) -> World:
-    """Put the layers of a sensor around a world: views, noise, gaps.
+    """Put the layers of a sensor around a world: views, noise, gaps, in the order of likelihoods.
 
     Args:
         world: the world.
-        layers: layers of the sensor.
+        layers: layers of the sensor (``games.model.sensor``).
         sigma: noise level [m], at least 0.
         noise_scale: (n,) the scenario's standard deviations, relative to sigma.
 
@@ -176,13 +173,7 @@ class _Sensor(_Observing):
 
 
 class ObservationView(_Sensor):
-    """Each player sees the others and itself through an observation model.
-
-    It is the same model that estimators differentiate (``games.model.observation``).
-
-    Args:
-        env: the world.
-        view: the observation model h.
+    """Each player sees all through an observation model (``games.model.observation``).
 
     Raises:
         ValueError: if the observations below lack a component that the view needs.
@@ -213,12 +204,9 @@ class ObservationView(_Sensor):
 
 
 class PartialObservation(ObservationView):
-    """Each player sees the named components only.
+    """Each player sees the named components only, in their order.
 
-    Args:
-        env: the world.
-        features: component names, in the order of the observation, such as
-            ``("px", "py", "heading")``, the paper's partial view.
+    The paper's partial view is ``("px", "py", "heading")``.
 
     Raises:
         ValueError: if no component is named, or one that the observations below do not have.
@@ -232,12 +220,9 @@ class RangeBearing(ObservationView):
     """A LiDAR-like sensor beside the road: range and bearing of each vehicle.
 
     Args:
-        env: the world.
+        env: the world, whose observations have positions.
         position: position of the sensor, px and py [m].
         facing: direction of bearing zero [rad].
-
-    Raises:
-        ValueError: if the observations below have no positions.
     """
 
     def __init__(
@@ -290,18 +275,15 @@ class AWGN(_RandomSensor):
     """Additive white Gaussian noise on every observed component (eqn. awgn_observation).
 
     Each observer has one stream per name of a component, so sensors with different components agree
-    in the noise on those that they share. With a covariance, draws are mixed in the order of the
-    components.
+    in the noise on those that they share. With a covariance, draws are mixed in their order.
 
     Args:
         env: the world.
-        sigma: standard deviation in the components' units: one number for all d components, or
-            (d,).
+        sigma: standard deviation in the components' units: one number, or (d,) of d components.
         covariance: (d, d) covariance of one player's observed components, instead of ``sigma``.
 
     Raises:
-        ValueError: unless exactly one of the two is given, on a wrong shape, or on values that are
-            not standard deviations or a covariance.
+        ValueError: unless exactly one of the two is given, with the shape and values of its kind.
     """
 
     key = 1
@@ -353,14 +335,10 @@ class AWGN(_RandomSensor):
 
 
 class Gaps(_RandomSensor):
-    """Players are missed at random; a missed player's block is NaN in that step.
+    """Players are missed at random, as a layer decides; a missed player's block is NaN.
 
-    Each observer misses players, itself included, independently of other observers. The
-    observation spaces are ``BoxWithGaps``, which contain such observations.
-
-    Args:
-        env: the world.
-        layer: decides which players are missed.
+    Each observer misses players, itself included, independently of other observers. The observation
+    spaces are ``BoxWithGaps``, which contain such observations.
 
     Raises:
         ValueError: at the first observation, on a mask of a wrong shape.
@@ -394,14 +372,8 @@ class Gaps(_RandomSensor):
 class DropSamples(Gaps):
     """Occlusion: with probability p a player is not seen in a step, and its block is NaN.
 
-    Players are missed independently of each other and of what happened before.
-
-    Args:
-        env: the world.
-        p: probability, 0 to 1.
-
-    Raises:
-        ValueError: if p is not a probability.
+    Players are missed independently of each other and of what happened before. ValueError if p is
+    not a probability.
     """
 
     def __init__(self, env: World, p: float) -> None:
@@ -412,9 +384,6 @@ class Float32(_Observing):
     """Observation and action spaces in single precision, as learners use it.
 
     Actions reach the world unchanged: an ``olne_action``, which is float64, keeps its digits.
-
-    Args:
-        env: the world.
     """
 
     def action_space(self, agent: str) -> Box:
@@ -466,10 +435,9 @@ def _standard_deviations(sigma: Any, size: int) -> np.ndarray:
 
 
 def _covariance_root(covariance: np.ndarray, size: int) -> np.ndarray:
-    """A matrix R with R R' = covariance, which may be singular.
+    """A matrix R with R R' = covariance, which may be singular; lower triangular if it is regular.
 
-    If it is regular, R is lower triangular: the first components depend on the first draws only,
-    whatever follows.
+    Then the first components depend on the first draws only, whatever follows.
     """
     covariance = np.asarray(covariance, dtype=float)
     if covariance.shape != (size, size):

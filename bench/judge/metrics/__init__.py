@@ -1,8 +1,6 @@
 """Metrics, one file each: a class with ``name``, further declared attributes, and ``score``.
 
 A metric is given a ``judged.Judged``. ``declaration.MetricDeclaration`` lists what it may declare.
-``scoring.score_all`` computes all metrics. Which weights a scenario identifies is not a metric: it
-is a property of the scenario, computed once for all trials (``bench.report.statistics``).
 """
 
 from olne_bench.bench.judge.metrics.ahead_error import AheadError

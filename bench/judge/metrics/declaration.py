@@ -27,7 +27,7 @@ class MetricDeclaration:
         compared: whether estimators, and runs, are compared and ranked by it.
         drawn: whether the figure of errors has a row for it.
         summary: one of ``SUMMARIES``.
-        negligible: errors below this are rounding of solvers; figures draw them at the lower edge.
+        negligible: errors below are rounding of solvers; figures draw them at the lower edge.
         description: one sentence.
     """
 
@@ -72,10 +72,7 @@ class MetricDeclaration:
 
 
 def declare(metric: Any) -> MetricDeclaration:
-    """The declaration of a metric, read from the attributes and docstring of its class.
-
-    Args:
-        metric: a class with ``name`` and ``score``, or an instance of one.
+    """The declaration of a metric, read from the attributes and docstring of a class or instance.
 
     Raises:
         UserError: on a value that a declaration cannot have.
@@ -107,10 +104,12 @@ def _problem(declared: MetricDeclaration) -> str:
     """What is wrong with a declaration; empty if nothing is."""
     if not isinstance(declared.name, str) or not declared.name.isidentifier():
         return "its name becomes a column, so it has letters, digits and underscores only"
-    for field, kinds in _KINDS.items():
-        value = getattr(declared, field)
-        if not isinstance(value, kinds) or (bool not in kinds and isinstance(value, bool)):
-            return f"{field} is {value!r}, expected {kinds[0].__name__}"
+    for field in fields(declared)[1:]:  # each but the name has a default of its kind
+        value, kind = getattr(declared, field.name), type(field.default)
+        if not isinstance(value, (float, int) if kind is float else kind) or (
+            kind is not bool and isinstance(value, bool)
+        ):
+            return f"{field.name} is {value!r}, expected {kind.__name__}"
     if math.isnan(declared.worst):
         return "worst is not a number"
     if declared.summary not in SUMMARIES:
@@ -120,17 +119,3 @@ def _problem(declared: MetricDeclaration) -> str:
     if not declared.negligible > 0:
         return f"negligible is {declared.negligible!r}, expected more than 0"
     return ""
-
-
-_KINDS: dict[str, tuple[type, ...]] = {
-    "label": (str,),
-    "unit": (str,),
-    "description": (str,),
-    "summary": (str,),
-    "worst": (float, int),
-    "negligible": (float, int),
-    "needs_prediction": (bool,),
-    "gated": (bool,),
-    "compared": (bool,),
-    "drawn": (bool,),
-}

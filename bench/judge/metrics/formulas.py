@@ -11,13 +11,9 @@ _LEAST = 1e-12  # weights below are as good as zero, so that log-ratios are fini
 
 
 def cosine_error(weights: np.ndarray, estimated: np.ndarray) -> float:
-    """Mean over players of 1 - cos(angle) between true and estimated weights.
+    """Mean over players of 1 - cos(angle) between true weights (N, K) and estimated ones (N, K).
 
     Peters et al. 2021, eqn. cosine_metric. Invariant to the scale of each player's weights.
-
-    Args:
-        weights: (N, K) true weights.
-        estimated: (N, K).
     """
     return float(np.mean(cosine_errors(weights, estimated)))
 
@@ -33,20 +29,15 @@ def cosine_errors(weights: np.ndarray, estimated: np.ndarray) -> np.ndarray:
 def identifiable_cosine_error(
     weights: np.ndarray, estimated: np.ndarray, projections: np.ndarray
 ) -> np.ndarray:
-    """Cosine errors without the errors in directions that the data do not identify.
+    """Cosine errors (S,) without the errors in directions that the data do not identify.
 
-    Each player's weights are scaled to sum to one, and their error is projected onto the
-    identified directions (``games.solve.information.identifiability``). The result equals
-    ``cosine_error`` if all directions are identified.
+    Each player's weights are scaled to sum to one, and their error is projected onto the identified
+    directions (``games.solve.information.identifiability``).
 
     Args:
         weights: (N, K) true weights.
         estimated: (S, N, K) estimates.
-        projections: (N, K, K) matrices that project onto the identified directions, in the tangent
-            space of the simplex.
-
-    Returns:
-        (S,) one error per estimate.
+        projections: (N, K, K) onto identified directions, in the tangent space of the simplex.
     """
     truth = weights / weights.sum(axis=1, keepdims=True)
     shares = estimated / estimated.sum(axis=2, keepdims=True)
@@ -57,29 +48,22 @@ def identifiable_cosine_error(
 
 
 def position_error(states: np.ndarray, other: np.ndarray) -> float:
-    """Mean absolute difference [m] of px and py over time and players.
-
-    Args:
-        states: (T, N, n).
-        other: (T, N, n).
-    """
+    """Mean absolute difference [m] of px and py of states (T, N, n), over time and players."""
     return float(np.mean(np.abs(states[..., :2] - other[..., :2])))
 
 
 def ellipsoid_level(weights: np.ndarray, estimated: np.ndarray, covariance: np.ndarray) -> float:
     """Level of the ellipsoid of a covariance on whose surface the truth lies.
 
-    Each player's weights sum to one, so the ellipsoid lies in the tangent space of the simplex,
-    which has N*(K-1) dimensions.
+    Rows of weights sum to one, so the ellipsoid lies in the tangent space of the simplex, which has
+    N*(K-1) dimensions. The level is the chi-squared probability of the truth's distance. A
+    direction without variance means that the estimate is exact there, so any error along it gives
+    1.
 
     Args:
-        weights: (N, K) true weights, rows sum to one.
-        estimated: (N, K), rows sum to one.
+        weights: (N, K) true weights.
+        estimated: (N, K).
         covariance: (N*K, N*K) of the estimate.
-
-    Returns:
-        The chi-squared probability of the truth's distance. A direction without variance means that
-        the estimate is exact there, so any error in this direction gives 1.
     """
     players, count = weights.shape
     tangent = simplex_tangent(players, count)
@@ -97,15 +81,11 @@ def ellipsoid_level(weights: np.ndarray, estimated: np.ndarray, covariance: np.n
 
 
 def sample_level(weights: np.ndarray, samples: np.ndarray) -> float:
-    """Share of samples that are closer to their mean than the truth is.
+    """Share of samples (M, N, K) that are closer to their mean than the true weights (N, K) are.
 
     Distances are Mahalanobis distances in log-ratios of weights, where samples lie around their
-    mean more evenly than on the simplex. The share is that among the samples themselves, so it
-    assumes no distribution of theirs.
-
-    Args:
-        weights: (N, K) true weights.
-        samples: (M, N, K) weights.
+    mean more evenly than on the simplex. Being a share of the samples, it assumes no distribution
+    of theirs.
     """
     points, truth = _log_ratios(samples), _log_ratios(weights[None])[0]
     mean = points.mean(axis=0)
@@ -120,11 +100,9 @@ def sample_level(weights: np.ndarray, samples: np.ndarray) -> float:
 
 
 def covariance_width(covariance: np.ndarray, shape: tuple[int, int]) -> float:
-    """Geometric mean of the standard deviations along a covariance's axes.
+    """Geometric mean of the standard deviations along the axes of a covariance (N*K, N*K).
 
-    Args:
-        covariance: (N*K, N*K) of weights whose rows sum to one.
-        shape: (N, K).
+    Its weights have the shape (N, K) and rows that sum to one.
     """
     tangent = simplex_tangent(*shape)
     spread = tangent.T @ covariance @ tangent

@@ -13,10 +13,9 @@ SAMPLES = 100
 class HeldOutLogScore:
     """Log density of measured positions on held-out motions, less that of knowing the truth.
 
-    An estimate foretells a position by the mixture of its samples' predictions, each with the
-    noise of the measurement; one without samples counts as certain. A proper score: neither
-    narrower nor wider samples than the belief gain anything (Gneiting and Raftery 2007). A sample
-    without a game foretells nothing.
+    An estimate foretells a position by the mixture of its samples' predictions, each with the noise
+    of the measurement; one without samples counts as certain. A proper score (Gneiting and Raftery
+    2007). A sample without a game foretells nothing.
     """
 
     name = "held_out_log_score"
@@ -38,13 +37,7 @@ class HeldOutLogScore:
 
 
 def _lost(one: HeldOut, predictions: np.ndarray, sigma: float) -> float:
-    """Mean over all positions but the first, which are known.
-
-    Args:
-        one: the true motion.
-        predictions: (M, T, N, n), NaN where there is none.
-        sigma: standard deviation of the noise of each coordinate.
-    """
+    """Mean over all positions but the first, which are known, of predictions (M, T, N, n)."""
     true = one.states[1:, :, :2]
     noise = generator_of(true).standard_normal(true.shape)
     errors = (predictions[:, 1:, :, :2] - true) / sigma - noise

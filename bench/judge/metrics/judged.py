@@ -22,20 +22,8 @@ class HeldOut:
     prediction: np.ndarray
 
 
-def nothing_held_out() -> None:
-    """Held-out predictions of a trial that has none: None."""
-
-
-def nothing_sampled(most: int) -> None:
-    """Held-out predictions at samples of a trial that has none: None."""
-
-
-def no_ratio() -> None:
-    """The ratio of a trial that has none: None."""
-
-
-def nothing_ahead(seconds: float) -> None:
-    """What follows the last sample of a trial without a prediction: None."""
+def nothing(*_: float) -> None:
+    """What cannot be computed of a trial without a prediction: None."""
 
 
 @dataclass(frozen=True)
@@ -43,19 +31,18 @@ class Judged:
     """One trial to score. Its arrays are read-only, because trials share the truth.
 
     Attributes:
-        recordings: the true motions, one per observed trajectory; ``prediction`` is for the first.
+        recordings: the true motions, one per trajectory; ``prediction`` is for the first.
         estimate: the well-formed estimate.
         prediction: (T, N, n) states of the forward game at the estimated weights, from the first
             recording's start; None if there is none.
         sigma: noise level of the observations [m].
+        held_out: computes predictions from other initial states; None if there are none, or if
+            the game has no root at one of them.
         likelihood_ratio: computes twice the log of the largest likelihood, next to the estimate,
             less that of the true weights; None if that fails.
         posterior_ratio: the same of the posterior in its normal chart, of one trajectory.
-        held_out: computes predictions from other initial states; returns None if there are none,
-            or if the game has no root at one of them.
         held_out_samples: computes predictions (H, M, T, N, n) from the same states at so many of
-            the estimate's samples at most, NaN where a sample has no game; None as in ``held_out``,
-            and without samples.
+            the estimate's samples at most, NaN where a sample has no game; None without samples.
         ahead: computes true and predicted states (S+1, N, n) of so many seconds after the last
             true state; None where either is not found.
     """
@@ -64,11 +51,11 @@ class Judged:
     estimate: Estimate
     prediction: np.ndarray | None
     sigma: float
-    held_out: Callable[[], tuple[HeldOut, ...] | None] = nothing_held_out
-    likelihood_ratio: Callable[[], float | None] = no_ratio
-    posterior_ratio: Callable[[], float | None] = no_ratio
-    held_out_samples: Callable[[int], np.ndarray | None] = nothing_sampled
-    ahead: Callable[[float], tuple[np.ndarray, np.ndarray] | None] = nothing_ahead
+    held_out: Callable[[], tuple[HeldOut, ...] | None] = nothing
+    likelihood_ratio: Callable[[], float | None] = nothing
+    posterior_ratio: Callable[[], float | None] = nothing
+    held_out_samples: Callable[[int], np.ndarray | None] = nothing
+    ahead: Callable[[float], tuple[np.ndarray, np.ndarray] | None] = nothing
 
     def __post_init__(self) -> None:
         for one in self.recordings:

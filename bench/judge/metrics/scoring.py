@@ -17,20 +17,12 @@ class MetricError(Exception):
 
 
 def score_all(metrics: Iterable[Any], case: Judged) -> dict[str, float | None]:
-    """Every metric's value, by the metric's name.
+    """Every metric's value, a finite number, by the metric's name; None where it does not apply.
 
-    A metric that needs a prediction is skipped if there is none.
-
-    Args:
-        metrics: objects with ``name`` and ``score``.
-        case: what is scored.
-
-    Returns:
-        Finite numbers; None where a metric does not apply.
+    Metrics are objects with ``name`` and ``score``; one that needs a prediction is skipped without.
 
     Raises:
-        MetricError: if a metric raises, or returns neither a finite number nor None. The message
-            is one line and names the metric.
+        MetricError: in one line that names the metric, if it raises or returns anything else.
     """
     scores: dict[str, float | None] = {}
     for metric in metrics:
