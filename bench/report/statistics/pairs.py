@@ -1,7 +1,6 @@
 """Trials in pairs, of two estimators or two runs: which error on the same observation is smaller.
 
-Errors within a thousandth of each other are a tie. A failure loses to any error, and two failures
-are a tie.
+Errors within a thousandth of each other tie, as do two failures. A failure loses to any error.
 """
 
 from collections.abc import Iterator, Mapping
@@ -50,14 +49,8 @@ def compare_pairs(pairs: pd.DataFrame, family: bool) -> dict[str, float]:
     advantage = paired_advantages(pairs)
     units = pd.factorize(pairs["seed"])[0] if family else np.arange(len(pairs))
     wins = share_interval((1 + advantage) / 2, units)
-    return {
-        "pairs": len(pairs),
-        "units": len(np.unique(units)),
-        "wins": wins.estimate,
-        "wins_low": wins.low,
-        "wins_high": wins.high,
-        "p": permutation_p(np.bincount(units, advantage).astype(int)),
-    }
+    p = permutation_p(np.bincount(units, advantage).astype(int))
+    return {"pairs": len(pairs), "units": len(np.unique(units)), **wins.columns("wins"), "p": p}
 
 
 def paired_advantages(pairs: pd.DataFrame) -> np.ndarray:
@@ -69,10 +62,7 @@ def paired_advantages(pairs: pd.DataFrame) -> np.ndarray:
 
 
 def permutation_p(advantages: np.ndarray) -> float:
-    """Exact two-sided p-value of a sum of whole numbers with either sign with equal chance.
-
-    It is the share of all sign patterns whose sum is at least as far from zero; 1 if all are ties.
-    """
+    """Exact two-sided p-value of a sum of whole numbers with either sign with equal chance."""
     sizes, numbers = np.unique(np.abs(advantages[advantages != 0]), return_counts=True)
     if not len(sizes):
         return 1.0
@@ -121,24 +111,17 @@ def compare_runs(
 ) -> pd.DataFrame:
     """Compare estimators of two runs in every scenario and sensor that both have.
 
-    Trials without noise are not random and do not count, unless they are of a family's draws.
-
-    ``names`` are labels in ``before`` and in ``after``, which may be the same run. Columns:
-    ``error`` (a metric that is compared, or ``failures``), ``scenario, sensor, estimator, other,
-    pairs``, the medians ``before`` and ``after`` over the pairs (of failures, their shares),
-    ``ratio`` (geometric mean of error after over error before where neither failed), ``better``
-    (share of pairs that improved, a tie counting half) with ``better_low`` and ``better_high``
-    (95 %), ``p``, ``p_holm`` and ``verdict``: ``better`` or ``worse`` if significant, else
-    ``same``.
+    ``names`` are labels in ``before`` and in ``after``, which may be the same run. Trials without
+    noise count only if they are of a family's draws. Columns: ``error`` (a compared metric, or
+    ``failures``), ``scenario, sensor, estimator, other, pairs``; medians ``before, after`` over the
+    pairs, or shares of failures; ``ratio``, the geometric mean of error after over before where
+    neither failed; ``better``, the share of pairs that improved, a tie counting half, with
+    ``better_low, better_high`` (95 %); ``p, p_holm``; ``verdict``: better, worse or same.
     """
     columns = ["error", *_GROUP, "estimator", "other", "pairs", "before", "after", "ratio"]
     columns += ["better", "better_low", "better_high", "p"]
     metrics = in_table(in_table(compared(study.metrics), before), after)
-    rows = [
-        row
-        for metric in (*metrics, FAILURES)
-        for row in _changes((before, after), names, metric, study)
-    ]
+    rows = [r for m in (*metrics, FAILURES) for r in _changes((before, after), names, m, study)]
     table = pd.DataFrame(rows, columns=columns)
     table["p_holm"] = holm(table["p"].to_numpy(float))
     told = table["p_holm"] < SIGNIFICANCE
@@ -163,13 +146,11 @@ def _changes(
         for (scenario, sensor), group in pairs.groupby(_GROUP, sort=True):
             labels = {"error": metric.name, "scenario": scenario, "sensor": sensor}
             labels |= {"estimator": old, "other": new}
-            middles = {
-                "before": float(middle(group["b"].to_numpy())),
-                "after": float(middle(group["a"].to_numpy())),
-            }
+            last, now = (float(middle(group[name].to_numpy())) for name in ("b", "a"))
             found = compare_pairs(group, study.is_family(str(scenario)))
             better = {name.replace("wins", "better"): value for name, value in found.items()}
-            yield labels | middles | better | {"ratio": _ratio(group, metric)}
+            ratio = _ratio(group, metric)
+            yield labels | better | {"before": last, "after": now, "ratio": ratio}
 
 
 def _ratio(pairs: pd.DataFrame, metric: MetricDeclaration) -> float:
