@@ -20,10 +20,9 @@ _LANE_PLACES = 2
 def scene_data(
     trials: pd.DataFrame, *, number: int = 1, study: Study = USUAL, wanted: Sequence[Place] = ()
 ) -> dict[str, Any]:
-    """The draws and the sequences of one scenario that can be played.
+    """The draws and the sequences of one scenario that can be played, those ``wanted`` among them.
 
-    ``number`` scenarios share the page. ``wanted`` sequences are among them if the scenario has
-    them. NotDrawnError if the scenario's truth is not stored, or cannot be read.
+    ``number`` scenarios share the page. NotDrawnError if the truth is not stored or readable.
     """
     attempts = attempts_of(trials)
     paths = number * max(1, attempts.groupby(["estimator", "sensor"]).ngroups)

@@ -11,13 +11,7 @@ import pandas as pd
 from scipy.special import bdtr, gammaln
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
-from olne_bench.bench.report.statistics.attempts import (
-    attempts_of,
-    errors_of,
-    measured,
-    median,
-    noisy,
-)
+from olne_bench.bench.report.statistics import attempts
 from olne_bench.bench.report.statistics.intervals import share_interval
 from olne_bench.bench.report.study import FAILURES, USUAL, Study, compared, in_table
 
@@ -37,7 +31,7 @@ def paired_errors(
 ) -> pd.DataFrame:
     """Errors ``a`` and ``b`` of two tables of attempts for the trials that both have."""
     named = (("a", first), ("b", second))
-    tables = [t[_PAIR].assign(**{name: errors_of(t, metric)}) for name, t in named]
+    tables = [t[_PAIR].assign(**{name: attempts.errors_of(t, metric)}) for name, t in named]
     return tables[0].merge(tables[1], on=_PAIR)
 
 
@@ -137,9 +131,9 @@ def _changes(
     study: Study,
 ) -> Iterator[dict[str, object]]:
     """Changes of the estimators by one metric, a row per estimator, scenario and sensor."""
-    before, after = (noisy(attempts_of(trials), study) for trials in runs)
-    before, after = (t[measured(t, metric, study)] for t in (before, after))
-    middle = np.mean if metric == FAILURES else median
+    before, after = (attempts.noisy(attempts.attempts_of(trials), study) for trials in runs)
+    before, after = (t[attempts.measured(t, metric, study)] for t in (before, after))
+    middle = np.mean if metric == FAILURES else attempts.median
     for old, new in names.items():
         first, second = before[before["estimator"] == old], after[after["estimator"] == new]
         pairs = paired_errors(second, first, metric)

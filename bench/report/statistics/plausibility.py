@@ -23,6 +23,7 @@ from scipy.optimize import brentq
 
 from olne_bench.bench.judge.scene import NoSceneError, TrueScene
 from olne_bench.bench.plan.trial import foreign_worlds
+from olne_bench.bench.report.statistics.attempts import which
 from olne_bench.bench.report.statistics.identifiability import weights_of
 from olne_bench.bench.report.study import Study
 from olne_bench.games.model.simplex import simplex_tangent, theta_tangent
@@ -61,17 +62,14 @@ class Distances:
 def implausible(trials: pd.DataFrame, study: Study) -> np.ndarray:
     """Which rows of ``trials.parquet`` are implausible, (rows,) bool."""
     marked = np.zeros(len(trials), bool)
-    names = trials["scenario"].unique()
-    drawn = trials["scenario"].map({name: study.has_drawn_truths(name) for name in names})
-    judged = (trials["sigma"] > 0) & drawn.astype(bool)
+    judged = (trials["sigma"] > 0) & which(trials["scenario"], study.has_drawn_truths)
     judged &= trials["status"].isin(["ok", "failed_forward"])
     places = np.flatnonzero(judged.to_numpy(bool))
     rows = trials.iloc[places]
     marked[places] = _exact(rows)
     if "weights" not in trials:
         return marked
-    foreign = rows["estimator"].map({e: study.is_foreign(e) for e in rows["estimator"].unique()})
-    told = foreign.astype(bool).to_numpy() & rows["weights"].notna().to_numpy()
+    told = (which(rows["estimator"], study.is_foreign) & rows["weights"].notna()).to_numpy(bool)
     places, rows = places[told], rows[told]
     for (scenario, sensor), numbers in places_of(rows, _CELL).items():
         found = _too_near(rows.iloc[numbers], str(scenario), str(sensor), study)

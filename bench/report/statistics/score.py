@@ -19,8 +19,8 @@ from olne_bench.bench.report.statistics.attempts import (
     FLOOR,
     attempts_of,
     errors_of,
-    families,
     measured,
+    which,
 )
 from olne_bench.bench.report.statistics.pairs import SIGNIFICANCE, holm
 from olne_bench.bench.report.study import USUAL, Study, in_table, primary, scored
@@ -59,7 +59,7 @@ def log_errors(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     """
     noisy = attempts_of(trials[trials["sigma"] > 0])
     metrics = in_table(scored(study.metrics), trials) if len(noisy) else []
-    level = noisy["sigma"].where(~families(noisy, study).astype(bool), 0.0)
+    level = noisy["sigma"].where(~which(noisy["scenario"], study.is_family), 0.0)
     draw = noisy["seed"].astype(str) + ":" + level.map("{:g}".format).astype(str)
     floors = [name for name in noisy["estimator"].unique() if study.is_floor(name)]
     parts = []
@@ -271,7 +271,7 @@ def board_rows(scores: pd.DataFrame, study: Study = USUAL) -> dict[str, pd.DataF
 
 def in_order(rows: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     """Rows with ``estimator, ranked, score`` in the order of a board, and ``floor, unranked``."""
-    floor = rows["estimator"].map(study.is_floor).astype(bool)
+    floor = which(rows["estimator"], study.is_floor)
     found = rows.assign(floor=floor, unranked=~rows["ranked"].eq(True))
     return found.sort_values(["floor", "unranked", "score"], kind="stable")
 
