@@ -6,18 +6,11 @@ from typing import Any
 import pandas as pd
 
 from olne_bench.bench.report.figures import style
-from olne_bench.bench.report.statistics.score import (
-    ALL,
-    FEWEST_DRAWS,
-    best_group,
-    board_rows,
-    in_order,
-)
+from olne_bench.bench.report.statistics import score
 from olne_bench.bench.report.statistics.standing import listed
 from olne_bench.bench.report.study import USUAL, Study, in_leaderboard, primary
 from olne_bench.bench.report.tables import RunTables
 
-_NOTHING = "No estimator has a score: that takes noise, and an estimator that ranks."
 _SCORED = ["ranked", "reference", "score", "score_low", "score_high"]
 _SCORED += ["median", "trials", "failures"]
 #: Ratios from here on are told as such, smaller ones in per cent.
@@ -30,13 +23,13 @@ def verdict(scores: pd.DataFrame, comparisons: pd.DataFrame, study: Study = USUA
 
     ``scores`` is a ``score_table``, and ``comparisons`` the ``pair_table`` of the same trials.
     """
-    boards = board_rows(scores, study)
+    boards = score.board_rows(scores, study)
     error, table = next(iter(boards.items()), ("", pd.DataFrame()))
     rows = table.to_dict("records")
     floors = [row for row in rows if study.is_floor(row["estimator"])]
     ranked = [row for row in rows if row["ranked"] and not study.is_floor(row["estimator"])]
     if not ranked:
-        return _NOTHING
+        return "No estimator has a score: that takes noise, and an estimator that ranks."
     best, *others = ranked
     label = next((m.label for m in study.metrics if m.name == error), error)
     number = best["scenarios"]
@@ -44,14 +37,14 @@ def verdict(scores: pd.DataFrame, comparisons: pd.DataFrame, study: Study = USUA
     if not others:
         return f"{best['estimator']} is the only estimator that ranks, on {where}."
     names = [str(row["estimator"]) for row in (best, *others)]
-    pairs = comparisons[(comparisons["error"] == error) & (comparisons["scenario"] == ALL)]
-    _, *ties = best_group(pairs, names)
+    pairs = comparisons[(comparisons["error"] == error) & (comparisons["scenario"] == score.ALL)]
+    _, *ties = score.best_group(pairs, names)
     said = f"On {where}, {names[0]} has the smallest {label}s"
     if best["estimator"] == best["reference"]:
         said += f"; those of {names[1]} are {_change(others[0]['score'])}"
     else:
         said += f": {_change(best['score'])} than those of {best['reference']}{_interval(best)}"
-    if best["draws"] < FEWEST_DRAWS:
+    if best["draws"] < score.FEWEST_DRAWS:
         few = "one draw is" if best["draws"] == 1 else f"{best['draws']} draws are"
         said += f"; {few} too few to tell estimators apart"
     elif ties:
@@ -78,11 +71,11 @@ def _interval(row: Mapping[Any, Any]) -> str:
 def board_table(tables: RunTables, study: Study = USUAL) -> pd.DataFrame:
     """A row for each estimator, over all scenarios, in the order of the board.
 
-    Columns: ``estimator``; ``score`` with ``score_low`` and ``score_high``; ``reference``; medians
-    of ``errors_of_board`` over the trials that the score is of, or over scenarios and sensors where
-    there is no score; ``failures`` of ``trials``; ``milliseconds``; ``ranked, floor, unranked``.
+    Columns: ``estimator, score, score_low, score_high, reference``; medians of ``errors_of_board``
+    over the trials of the score, or of all cells if there is none; ``failures`` of ``trials``;
+    ``milliseconds``; ``ranked, floor, unranked``.
     """
-    boards, table = board_rows(tables.scores, study), tables.leaderboard
+    boards, table = score.board_rows(tables.scores, study), tables.leaderboard
     errors = list(errors_of_board(tables, study))
     kinds = {name: (f"{name}_median", "median") for name in errors}
     rows = table.groupby("estimator").agg(
@@ -100,7 +93,7 @@ def board_table(tables: RunTables, study: Study = USUAL) -> pd.DataFrame:
     rows = rows.join(ranking.drop(columns="median"))
     for name in ("failures", "trials"):
         rows[name] = rows[name].fillna(rows.pop(f"all_{name}")).astype(int)
-    return in_order(rows.reset_index(), study)
+    return score.in_order(rows.reset_index(), study)
 
 
 def _by_estimator(scored: pd.DataFrame | None, names: pd.Index) -> pd.DataFrame:
@@ -131,7 +124,7 @@ def board_note(rows: pd.DataFrame, study: Study = USUAL) -> str:
     )
 
 
-def tag(row: Mapping[str, Any], study: Study = USUAL) -> str:
+def tag(row: Mapping[Any, Any], study: Study = USUAL) -> str:
     """What is to be known of the estimator of a row: that it is a floor, or knows the prior."""
     if row["floor"]:
         return "floor"

@@ -1,6 +1,6 @@
-"""Confirmations of implausible rows by fresh draws, as ``olne-bench confirm`` keeps them in a run.
+"""What fresh draws said of implausible rows, for one version of the code: ``olne-bench confirm``.
 
-They count for one version of the code. As anybody can write them, ``verify`` does not read them.
+As anybody can write a run's confirmations, ``verify`` does not read them.
 """
 
 import json

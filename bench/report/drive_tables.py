@@ -13,6 +13,7 @@ from olne_bench.bench.judge.drives import ERROR_COLUMNS, DriveRow, setting
 from olne_bench.bench.plan.kinds import CONSTANT_VELOCITY, ORACLE, REFERENCES, UNIFORM
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.report.statistics.attempts import attempts_of
+from olne_bench.bench.report.statistics.intervals import Interval
 from olne_bench.bench.report.statistics.pairs import holm, permutation_p
 from olne_bench.bench.run.store import Store
 from olne_bench.envs.drive.cars import ROADS
@@ -61,14 +62,13 @@ def episode_table(store: Store, suite: Suite) -> pd.DataFrame:
 
 
 def drive_table(rows: pd.DataFrame) -> pd.DataFrame:
-    """A line for each road, traffic, noise level and planner of an ``episode_table``.
+    """A line for each road, or all, traffic, noise level and planner of an ``episode_table``.
 
-    There is one for all roads together, too. Columns: ``drives``; ``collisions``, ``collision``
-    (their share) with ``collision_low`` and ``collision_high`` (95 %, Clopper and Pearson);
-    ``regret``, the mean over drives of cost less that of the oracle in the same drive, with
-    ``regret_low`` and ``regret_high`` (95 %, bootstrap); medians of cost, progress [m],
-    jerk [m/s^3], gap [m], cycles [ms] and errors of predictions [m]; ``cycle_95`` and ``cycle_99``,
-    medians of each drive's percentile; means of the shares ``fallback``, ``late`` and ``failed``.
+    Columns: ``drives``; ``collisions``, and their share ``collision, collision_low,
+    collision_high`` (95 %, Clopper and Pearson); ``regret, regret_low, regret_high``, the mean cost
+    less that of the oracle in the same drive (95 %, bootstrap); medians of cost, progress [m],
+    jerk [m/s^3], gap [m], percentiles of cycles [ms] and errors of predictions [m]; means of the
+    shares ``fallback, late, failed``.
     """
     whole = _with_all_roads(attempts_of(rows))
     parts = dict(list(whole.groupby(_LINE, sort=False)))
@@ -85,10 +85,9 @@ def drive_table(rows: pd.DataFrame) -> pd.DataFrame:
 def comparison_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Paired tests of planners of an ``episode_table`` against ``_RIVALS``.
 
-    Columns: ``column``, collisions, cost or errors of predictions; the group; ``planner`` and
-    ``other``; ``pairs``; ``difference``, the mean of the planner less the other; ``p`` of a paired
-    permutation test, exact for collisions; ``p_holm``, adjusted after Holm for all lines of the
-    table that have a p-value.
+    Columns: ``column``, what is compared; ``road, traffic, sigma, planner, other, pairs``;
+    ``difference``, the mean of the planner less the other; ``p`` of a paired permutation test,
+    exact for collisions; ``p_holm``, adjusted after Holm for all lines.
     """
     whole = _with_all_roads(attempts_of(rows))
     lines = []
@@ -109,16 +108,11 @@ def comparison_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _with_all_roads(judged: pd.DataFrame) -> pd.DataFrame:
-    """Rows with their road in the column ``where``; each again as one of ``_ALL_ROADS``.
-
-    They are in the order of roads, and of planners: the oracle, estimators, the others.
-    """
-    rank = {name: k for k, name in enumerate(REFERENCES["drives"])}  # the oracle first
-    placed = judged.assign(
-        where=judged["road"],
-        place=judged["road"].map(list(ROADS).index),
-        rank=judged["planner"].map(lambda name: rank.get(name, 0.5)),
-    )
+    """Rows, by road and planner, with their road as ``where``; each again as of ``_ALL_ROADS``."""
+    rank = {name: k for k, name in enumerate(REFERENCES["drives"])}  # the oracle is the first
+    order = judged["planner"].map(rank).fillna(0.5)  # estimators are next
+    placed = judged.assign(where=judged["road"], rank=order)
+    placed["place"] = judged["road"].map(list(ROADS).index)
     placed = placed.sort_values(["place", "rank", "planner", "seed"], kind="stable")
     if placed["road"].nunique() < 2:
         return placed
@@ -134,26 +128,19 @@ def _paired(first: pd.DataFrame, second: pd.DataFrame, column: str) -> np.ndarra
 
 def _collisions(part: pd.DataFrame) -> dict[str, float]:
     hit, count = int(part["collision"].astype(bool).sum()), len(part)
-    interval = binomtest(hit, count).proportion_ci(method="exact")
-    return {
-        "collisions": hit,
-        "collision": hit / count,
-        "collision_low": float(interval.low),
-        "collision_high": float(interval.high),
-    }
+    ends = binomtest(hit, count).proportion_ci(method="exact")
+    share = Interval(hit / count, float(ends.low), float(ends.high))
+    return {"collisions": hit, **share.columns("collision")}
 
 
 def _regret(part: pd.DataFrame, oracle: pd.DataFrame) -> dict[str, float]:
     regrets = _paired(part, oracle, "cost")
-    low = high = np.nan
+    found = Interval(float(regrets.mean()) if len(regrets) else np.nan)
     if len(regrets) >= _LEAST and np.ptp(regrets) > _ROUNDING:
-        rng = np.random.default_rng(0)
-        found = bootstrap(
-            (regrets,), np.mean, method="percentile", n_resamples=_RESAMPLES, rng=rng
-        ).confidence_interval
-        low, high = float(found.low), float(found.high)
-    mean = float(regrets.mean()) if len(regrets) else np.nan
-    return {"regret": mean, "regret_low": low, "regret_high": high}
+        drawn: dict[str, Any] = {"n_resamples": _RESAMPLES, "rng": np.random.default_rng(0)}
+        ends = bootstrap((regrets,), np.mean, method="percentile", **drawn).confidence_interval
+        found = Interval(found.estimate, float(ends.low), float(ends.high))
+    return found.columns("regret")
 
 
 def _tested(differences: np.ndarray) -> dict[str, float]:

@@ -24,6 +24,7 @@ _KEY = ["estimator", "scenario", "sensor", "sigma", "seed"]
 _COUNTS = ("limit_ratio", "failures", "published_failures")
 #: Limits the score by the primary metric; after a metric's name, that by the metric.
 _SCORE = "score"
+_TIME = "time_ratio"  # of medians, to another estimator's
 
 
 @dataclass(frozen=True)
@@ -46,8 +47,7 @@ class LimitOutcome:
     estimator: str
     scenario: str
     sensor: str
-    #: As in ``GateLimits``; or ``implausible``, rows that no gate allows until they are confirmed.
-    limit: str
+    limit: str  # of ``GateLimits``, or ``implausible``: no gate allows such rows unconfirmed
     value: float  # NaN if it is unknown
     bound: float  # largest value allowed
 
@@ -62,31 +62,26 @@ def check_limits(
 ) -> list[LimitOutcome]:
     """The outcome of every limit, by estimator, in a leaderboard.
 
-    UserError if the run has no trial that a limit applies to, so that no limit passes unchecked, or
-    if a limit is not allowed.
+    UserError on a limit that is not allowed, or that no trial is about: none passes unchecked.
     """
+    columns = _columns(study)
     for estimator, limits in gate.items():
-        _refuse_unknown_limits(estimator, limits, study)
-    return [
-        outcome
-        for estimator, limits in gate.items()
-        for outcome in _outcomes(table, estimator, limits, study)
-    ]
+        for name in limits.bounds:
+            if name not in columns:
+                raise UserError(
+                    f"[gate.{estimator}] limits {name!r}, which is not a metric of the run that a "
+                    f"gate may limit; there are: {', '.join(columns)}"
+                )
+    return [one for name, limits in gate.items() for one in _outcomes(table, name, limits, columns)]
 
 
-def _refuse_unknown_limits(estimator: str, limits: GateLimits, study: Study) -> None:
+def _columns(study: Study) -> dict[str, str]:
+    """The limits that a gate may set, and the columns of a leaderboard that they are about."""
     gated = [metric.name for metric in (*study.metrics, IDENTIFIABLE) if metric.gated]
-    known = [*gated, _SCORE, *_scores(study), *_COUNTS, "time_ratio"]
-    for name in limits.bounds:
-        if name not in known:
-            raise UserError(
-                f"[gate.{estimator}] limits {name!r}, which is not a metric of the run that a gate "
-                f"may limit; there are: {', '.join(known)}"
-            )
-
-
-def _scores(study: Study) -> list[str]:
-    return [f"{metric.name}_{_SCORE}" for metric in scored(study.metrics)]
+    scores = [f"{metric.name}_{_SCORE}" for metric in scored(study.metrics)]
+    columns = {name: f"{name}_median" for name in gated}
+    columns[_SCORE] = f"{getattr(primary(study.metrics), 'name', '')}_{_SCORE}"
+    return columns | {name: name for name in (*scores, *_COUNTS, _TIME)}
 
 
 def missing_trials(trials: pd.DataFrame, tasks: Iterable[Task]) -> list[str]:
@@ -113,7 +108,7 @@ def _keys(task: Task) -> Iterator[tuple[str, str, str, float, int]]:
 
 
 def _outcomes(
-    table: pd.DataFrame, estimator: str, limits: GateLimits, study: Study
+    table: pd.DataFrame, estimator: str, limits: GateLimits, columns: Mapping[str, str]
 ) -> Iterator[LimitOutcome]:
     _require("estimator", [estimator], table["estimator"])
     rows = table[table["estimator"] == estimator]
@@ -123,24 +118,15 @@ def _outcomes(
     tried = rows[rows["trials"] > 0]
     if tried.empty:
         raise UserError(f"[gate.{estimator}]: the run has no trial that its limits are about")
-    barred = ~ranks_at(tried) & (tried["implausible"] > 0) if "implausible" in tried else None
-    for k, row in enumerate(tried.to_dict("records")):
+    for row in tried.assign(ranks=ranks_at(tried)).to_dict("records"):
         place = estimator, row["scenario"], row["sensor"]
-        if barred is not None and barred.iloc[k]:
+        if not row["ranks"] and row.get("implausible", 0) > 0:
             yield LimitOutcome(*place, "implausible", float(row["implausible"]), 0.0)
         for limit, bound in limits.bounds.items():
-            if limit == "time_ratio":
+            value = row.get(columns[limit], math.nan)
+            if limit == _TIME:
                 value = row["solve_seconds_median"] / _time(table, row, limits.time_reference)
-            else:
-                value = row.get(_column(limit, study), math.nan)
             yield LimitOutcome(*place, limit, float(value), bound)
-
-
-def _column(limit: str, study: Study) -> str:
-    """The column of a leaderboard that a limit is about."""
-    if limit == _SCORE:
-        return f"{getattr(primary(study.metrics), 'name', '')}_{_SCORE}"
-    return limit if limit in (*_COUNTS, *_scores(study)) else f"{limit}_median"
 
 
 def _time(table: pd.DataFrame, row: Mapping[Any, Any], reference: str) -> float:

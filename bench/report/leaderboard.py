@@ -1,7 +1,6 @@
 """The leaderboard, a row per scenario, sensor and estimator, and median errors over the noise.
 
-A failure has no error, so it ranks worse than any: quantiles are taken over all attempts with
-failures at infinity, and a median of ``inf`` says that more than half of the attempts failed.
+Quantiles are over all attempts, with failures at infinity: the median is, if most failed.
 """
 
 from collections.abc import Sequence
@@ -41,18 +40,15 @@ def leaderboard(
 ) -> pd.DataFrame:
     """Summarise trials, optionally with ``identifiable_cosine_error``, and a ``score_table``.
 
-    Columns: ``scenario, sensor, estimator``; ``trials``, ``failures`` and ``published_failures``
-    (rows counted with their ``count``), ``skipped`` and ``harness_errors`` (which are not
-    attempts); the share of ``exact`` trials without noise, whose position error is at most
-    ``EXACT``; for each metric with values the median, quartiles and mean with its 95 % interval
-    over seeds, or ``_share`` and ``_trials`` (number of trials with a value), and ``_score`` with
-    ``_score_low`` and ``_score_high``, which those who do not rank lack, floors apart;
-    ``refuted`` (share of the tested trials at which noise does not explain the residuals, at
-    ``FIT_LEVEL``); ``limit_ratio`` (mean cosine error over its limit for small noise); the median
-    time, in which attempts that did not end are infinite. In means, a failure counts as the largest
-    possible error, such as 1 for angles and infinity for positions. Rows of a scenario and sensor
-    are sorted by their score by the primary metric, the position error, then by its median; floors
-    come last.
+    Columns: ``scenario, sensor, estimator``; ``trials, failures, published_failures`` (with their
+    ``count``); ``skipped, harness_errors``, which are no attempts; ``exact``, the share of trials
+    without noise with a position error up to ``EXACT``. For each metric with values: median,
+    quartiles and mean with its 95 % interval over seeds, in which a failure counts as ``worst``; or
+    ``_share`` and ``_trials`` that have a value; ``_score, _score_low, _score_high`` of those who
+    rank, and of floors. ``refuted``, the share of tested trials whose residuals noise does not
+    explain, at ``FIT_LEVEL``; ``limit_ratio``, the mean cosine error over its limit for small
+    noise; the median time, infinite for attempts that did not end. Rows of a scenario and sensor
+    are sorted by the primary metric's score, then median; floors come last.
     """
     metrics = in_table((*study.metrics, IDENTIFIABLE), trials)
     return scored_rows(summaries(trials, study), metrics, scores, study)
@@ -98,9 +94,8 @@ def _with_scores(
     """Rows with the scores by an error of those who rank, and of floors."""
     shown = scores["ranked"] | scores["estimator"].map(study.is_floor).astype(bool)
     of_cells = (scores["error"] == error) & (scores["sensor"] != ALL) & shown
-    kinds = ["score", "score_low", "score_high"]
-    own = scores.loc[of_cells, [*_KEY, *kinds]]
-    return table.merge(own.rename(columns={k: f"{error}_{k}" for k in kinds}), how="left", on=_KEY)
+    own = scores[of_cells].set_index(_KEY)[["score", "score_low", "score_high"]]
+    return table.join(own.add_prefix(f"{error}_"), on=_KEY)
 
 
 def _filled(table: pd.DataFrame, metrics: Sequence[MetricDeclaration]) -> pd.DataFrame:
@@ -128,20 +123,17 @@ def _counts(group: pd.DataFrame) -> dict[str, float | int]:
     }
 
 
+def _mean(values: np.ndarray, count: pd.Series) -> float:
+    """Mean of values that stand for ``count`` trials each; NaN if there are none."""
+    return float(np.average(values, weights=count)) if len(values) else float("nan")
+
+
 def _exact(attempts: pd.DataFrame) -> float:
-    """Share of attempts without noise that predict exactly; NaN if there are none."""
-    if attempts.empty or "position_error" not in attempts:
+    """Share of attempts without noise that predict exactly."""
+    if "position_error" not in attempts:
         return float("nan")
     exact = attempts["status"].eq("ok") & (attempts["position_error"] <= EXACT).fillna(False)
-    return float(np.average(exact.to_numpy(bool), weights=attempts["count"]))
-
-
-def _refuted(attempts: pd.DataFrame) -> float:
-    """Share of tested attempts whose model does not fit; NaN if none was tested."""
-    if "fit_p" not in attempts:
-        return float("nan")
-    tested = attempts[attempts["fit_p"].notna()]
-    return float((tested["fit_p"] < FIT_LEVEL).mean()) if len(tested) else float("nan")
+    return _mean(exact.to_numpy(bool), attempts["count"])
 
 
 def _measures(
@@ -151,7 +143,8 @@ def _measures(
     for metric in metrics:
         rows = attempts[about[metric.name].reindex(attempts.index)]
         summary |= _share(rows, metric) if metric.is_share else _error(rows, metric)
-    summary["refuted"] = _refuted(attempts)
+    fits = attempts["fit_p"].dropna() if "fit_p" in attempts else pd.Series(dtype=float)
+    summary["refuted"] = float((fits < FIT_LEVEL).mean())
     summary["limit_ratio"] = _limit_ratio(attempts)
     times = attempts["solve_seconds"].fillna(np.inf)  # of attempts that were stopped or crashed
     count = attempts["count"].to_numpy()
@@ -170,10 +163,9 @@ def _error(attempts: pd.DataFrame, metric: MetricDeclaration) -> dict[str, float
 
 
 def published_failures(attempts: pd.DataFrame) -> np.ndarray:
-    """Which rows the published study would count as failed, (rows,) bool.
+    """Which rows the published study counts as failed, (rows,) bool: no estimate, or no motion.
 
-    Either the estimator fails, or the study's single solve of the forward game does not converge,
-    even if a root exists.
+    Its single solve of the forward game may not converge even if a root exists.
     """
     failed = attempts["status"].ne("ok") | attempts["published_forward"].eq(0)
     return failed.to_numpy(bool)
@@ -182,10 +174,8 @@ def published_failures(attempts: pd.DataFrame) -> np.ndarray:
 def _share(attempts: pd.DataFrame, metric: MetricDeclaration) -> dict[str, float | int]:
     """Mean of a share over attempts that have a value, and the number of these attempts."""
     told = attempts[attempts[metric.name].notna()]
-    number, share = int(told["count"].sum()), float("nan")
-    if number:
-        share = float(np.average(told[metric.name].to_numpy(float), weights=told["count"]))
-    return {f"{metric.name}_share": share, f"{metric.name}_trials": number}
+    share = _mean(told[metric.name].to_numpy(float), told["count"])
+    return {f"{metric.name}_share": share, f"{metric.name}_trials": int(told["count"].sum())}
 
 
 def _limit_ratio(attempts: pd.DataFrame) -> float:
@@ -197,9 +187,7 @@ def _limit_ratio(attempts: pd.DataFrame) -> float:
     errors = np.minimum(errors_of(small, metric), metric.worst)
     limits = small["cosine_limit"].to_numpy(float)
     known = np.isfinite(limits) & (limits > 0)
-    if not known.any():
-        return float("nan")
-    return float(np.average((errors[known] / limits[known]), weights=small["count"][known]))
+    return _mean(errors[known] / limits[known], small["count"][known])
 
 
 def errors_by_noise(
@@ -207,11 +195,10 @@ def errors_by_noise(
     study: Study = USUAL,
     metrics: Sequence[MetricDeclaration] | None = None,
 ) -> pd.DataFrame:
-    """Medians over the draws of one noise level, which are independent.
+    """Medians over the draws of one noise level, which are independent; failures rank last.
 
-    One row per (scenario, sensor, noise level, estimator): ``attempts``, ``failures``, and for each
-    error, by default those that are compared, ``_median`` with ``_low`` and ``_high``, a 95 %
-    interval (``intervals.median_interval``; none below six draws). Failures rank last.
+    Columns: ``scenario, sensor, sigma, estimator, attempts, failures``; of each metric, by default
+    those that are compared, ``_median, _low, _high`` (95 %, ``intervals.median_interval``).
     """
     metrics = in_table(compared(study.metrics), trials) if metrics is None else metrics
     about = {metric.name: measured(trials, metric, study) for metric in metrics}
@@ -226,14 +213,10 @@ def errors_by_noise(
 def _medians(
     attempts: pd.DataFrame, metrics: Sequence[MetricDeclaration], about: dict[str, pd.Series]
 ) -> dict[str, float | int]:
-    failed = attempts["status"] != "ok"
-    found: dict[str, float | int] = {
-        "attempts": int(attempts["count"].sum()),
-        "failures": int(attempts.loc[failed, "count"].sum()),
-    }
+    failed = attempts.loc[attempts["status"] != "ok", "count"].sum()
+    found: dict[str, float | int] = {"attempts": attempts["count"].sum(), "failures": failed}
     for metric in metrics:
         rows = attempts[about[metric.name].reindex(attempts.index)]
         median = median_interval(np.repeat(errors_of(rows, metric), rows["count"]))
-        found[f"{metric.name}_median"] = median.estimate
-        found[f"{metric.name}_low"], found[f"{metric.name}_high"] = median.low, median.high
+        found |= median.columns(metric.name, "median")
     return found

@@ -10,13 +10,7 @@ import numpy as np
 import pandas as pd
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
-from olne_bench.bench.report.board import (
-    board_note,
-    board_table,
-    errors_of_board,
-    tag,
-    verdict,
-)
+from olne_bench.bench.report.board import board_note, board_table, errors_of_board, tag, verdict
 from olne_bench.bench.report.escapes import markdown_text
 from olne_bench.bench.report.statistics.attempts import in_words
 from olne_bench.bench.report.statistics.standing import said_of_standing
@@ -57,7 +51,9 @@ def latex(table: pd.DataFrame, study: Study = USUAL) -> str:
 def format_board(tables: RunTables, study: Study = USUAL) -> str:
     """The board for a terminal: the verdict, a row for each estimator, and what is shown."""
     rows = board_table(tables, study)
-    columns: dict[str, Any] = {"Estimator": [_tagged(row, study) for _, row in rows.iterrows()]}
+    tags = [tag(row, study) for row in rows.to_dict("records")]
+    named = zip(rows["estimator"].map(one_line), tags, strict=True)
+    columns: dict[str, Any] = {"Estimator": [f"{n} ({t})" if t else n for n, t in named]}
     scores = rows[["score", "score_low", "score_high"]].itertuples(index=False)
     columns["Score"] = [
         _plain(score) if math.isnan(ends[0]) else _with_ends(*map(_plain, (score, *ends)))
@@ -70,20 +66,12 @@ def format_board(tables: RunTables, study: Study = USUAL) -> str:
     columns["Time [ms]"] = rows["milliseconds"].map(_plain)
     said = verdict(tables.scores, tables.comparisons, study)
     shown = pd.DataFrame(columns).to_string(index=False)
-    return f"{_wrapped(said)}\n\n{shown}\n\n{_wrapped(board_note(rows, study))}"
-
-
-def _tagged(row: Any, study: Study) -> str:
-    said = tag(row, study)
-    return one_line(row["estimator"]) + (f" ({said})" if said else "")
+    note = board_note(rows, study)
+    return "\n\n".join([textwrap.fill(said, _WIDTH), shown, textwrap.fill(note, _WIDTH)])
 
 
 def _with_ends(middle: str, low: str, high: str) -> str:
     return f"{middle} [{low}, {high}]"
-
-
-def _wrapped(text: str) -> str:
-    return textwrap.fill(text, _WIDTH)
 
 
 def format_notes(tables: RunTables, notes: list[str]) -> str:
@@ -115,15 +103,15 @@ def _shown(table: pd.DataFrame, study: Study, markup: _Markup) -> pd.DataFrame:
     metrics = in_leaderboard(study.metrics, table)
     first = primary(metrics)
     if first is not None and f"{first.name}_score" in table:
-        columns["Score"] = _scores(table, f"{first.name}_score", markup)
+        scores = table[f"{first.name}_score"]
+        best = scores == scores.groupby([table["scenario"], table["sensor"]]).transform("min")
+        columns["Score"] = scores.map(number).mask(best, scores.map(number).map(markup.bold))
     for metric in metrics:
         columns[text(metric.title)] = _cells(table, metric, markup)
-    if "exact" in table and table["exact"].notna().any():
-        exact = [number(v) if math.isnan(v) else text(f"{v:.0%}") for v in table["exact"]]
-        columns["Exact"] = exact
-    if "refuted" in table and table["refuted"].notna().any():
-        refuted = [number(v) if math.isnan(v) else text(f"{v:.0%}") for v in table["refuted"]]
-        columns["No fit"] = refuted
+    for head, name in (("Exact", "exact"), ("No fit", "refuted")):
+        if name in table and table[name].notna().any():
+            shares = table[name]
+            columns[head] = [number(v) if math.isnan(v) else text(f"{v:.0%}") for v in shares]
     columns[text("Error / bound")] = table["limit_ratio"].map(number)
     counts = table[["failures", "published_failures", "trials"]].itertuples(index=False)
     columns["Failures (published)"] = [f"{a} ({b}) of {n}" for a, b, n in counts]
@@ -132,13 +120,6 @@ def _shown(table: pd.DataFrame, study: Study, markup: _Markup) -> pd.DataFrame:
             columns[head] = table[name].astype("string")
     columns[text("Time [ms]")] = (1e3 * table["solve_seconds_median"]).map(number)
     return pd.DataFrame(columns, index=table.index)
-
-
-def _scores(table: pd.DataFrame, column: str, markup: _Markup) -> pd.Series:
-    """Scores, the best one of a scenario and sensor in bold."""
-    best = table[column] == table.groupby(_PLACE[:2])[column].transform("min")
-    shown = table[column].map(markup.number)
-    return shown.mask(best, shown.map(markup.bold))
 
 
 def _cells(table: pd.DataFrame, metric: MetricDeclaration, markup: _Markup) -> list[str]:

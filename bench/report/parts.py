@@ -1,6 +1,7 @@
 """The trials of a run, one scenario at a time, so that a report never holds all of them."""
 
 from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -59,11 +60,10 @@ def parts_of(trials: pd.DataFrame | Parts) -> Parts:
     """The trials by scenario, wherever they are."""
     if isinstance(trials, Parts):
         return trials
-    cells = trials[_CELL].drop_duplicates().sort_values(_CELL, ignore_index=True)
     suite = str(trials["suite"].iloc[0]) if len(trials) and "suite" in trials else ""
     valued = frozenset(str(name) for name in trials if trials[name].notna().any())
     columns, some_ok = frozenset(map(str, trials)), bool(trials["status"].eq("ok").any())
-    outline = Outline(suite, cells, columns, valued, some_ok)
+    outline = Outline(suite, _sorted(trials[_CELL]), columns, valued, some_ok)
     return Parts(outline, lambda scenario: trials[trials["scenario"] == scenario])
 
 
@@ -77,26 +77,21 @@ def write_trials(batches: Iterable[pa.RecordBatch], folder: Path) -> Parts:
 
     Only the trials of one scenario are read again at a time.
     """
-    outlines = []
+    outlines: list[Outline] = []
     path = folder / "trials.parquet"
-    with whole_file(folder / "trials.csv") as text, whole_file(path) as binary:
-        written: csv.CSVWriter | None = None
-        stored: parquet.ParquetWriter | None = None
-        try:
-            for batch in batches:
-                rows = pa.Table.from_batches([batch])
-                parsed = parse_nested(rows)
-                outlines.append(_outline(rows))
-                written = written or csv.CSVWriter(text, rows.schema)
-                stored = stored or parquet.ParquetWriter(
-                    binary, parsed.schema, **parquet_options(parsed.schema)
-                )
-                written.write_table(csv_safe_arrow(rows))
-                stored.write_table(parsed)
-        finally:
-            for writer in (written, stored):
-                if writer is not None:
-                    writer.close()
+    files = whole_file(folder / "trials.csv"), whole_file(path)
+    with files[0] as text, files[1] as binary, ExitStack() as writers:
+        for batch in batches:
+            rows = pa.Table.from_batches([batch])
+            parsed = parse_nested(rows)
+            if not outlines:
+                written = writers.enter_context(csv.CSVWriter(text, rows.schema))
+                options = parquet_options(parsed.schema)
+                stored = parquet.ParquetWriter(binary, parsed.schema, **options)
+                writers.enter_context(stored)
+            outlines.append(_outline(rows))
+            written.write_table(csv_safe_arrow(rows))
+            stored.write_table(parsed)
     return Parts(_united(outlines), partial(_read, path))
 
 
@@ -120,11 +115,14 @@ def _outline(rows: pa.Table) -> Outline:
 
 def _united(outlines: Sequence[Outline]) -> Outline:
     """The outline of all batches, which have the same columns."""
-    cells = pd.concat([one.cells for one in outlines]).drop_duplicates()
-    cells = cells.sort_values(_CELL, ignore_index=True)
+    cells = _sorted(pd.concat([one.cells for one in outlines]))
     valued = frozenset[str]().union(*(one.valued for one in outlines))
     some_ok = any(one.some_ok for one in outlines)
     return Outline(outlines[0].suite, cells, outlines[0].columns, valued, some_ok)
+
+
+def _sorted(cells: pd.DataFrame) -> pd.DataFrame:
+    return cells.drop_duplicates().sort_values(_CELL, ignore_index=True)
 
 
 def joined(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:

@@ -1,8 +1,4 @@
-"""Scenes for pictures and pages: a truth, what was seen of it, and what estimates predict.
-
-Truths and motions are those of the store (``Study.scenes``). A motion that the published step does
-not find is not shown, as in the published figures.
-"""
+"""Scenes for pictures and pages: a stored truth, what was seen of it, what estimates predict."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -37,23 +33,14 @@ _TRIAL = ["sensor", "sigma", "seed"]
 
 @dataclass(frozen=True)
 class Scene:
-    """One truth, and the plane in which it is drawn.
-
-    Attributes:
-        study: study of the run.
-        name: label of the scenario.
-        truth: the truth, as it is stored.
-        axes_order: indices of the position components drawn to the right and upwards.
-        limits: ((low, high) to the right, (low, high) upwards) [m].
-        lanes: lanes of HighwayEnv's road, if it is on one.
-    """
+    """One truth, and the plane in which it is drawn."""
 
     study: Study
-    name: str
+    name: str  # label of the scenario
     truth: TrueScene
-    axes_order: tuple[int, int]
-    limits: Limits
-    lanes: "tuple[LaneShape, ...]" = ()
+    axes_order: tuple[int, int]  # position components that are drawn to the right and upwards
+    limits: Limits  # of these [m]
+    lanes: "tuple[LaneShape, ...]" = ()  # of HighwayEnv's road, if it is on one
 
     @property
     def on_road(self) -> bool:
@@ -82,8 +69,8 @@ class Scene:
     @property
     def axis_names(self) -> tuple[str, str]:
         """Names of the position components to the right and upwards."""
-        names = self.truth.state_names
-        return names[self.axes_order[0]], names[self.axes_order[1]]
+        right, up = self.axes_order
+        return self.truth.state_names[right], self.truth.state_names[up]
 
     def observed(self, sigma: float, seed: int) -> np.ndarray:
         """Full states (T, N, n) under a trial's noise, whatever its sensor shows of them."""
@@ -92,17 +79,9 @@ class Scene:
         return observe_states(world, truth.noise_scale, sigma, noise)
 
     def predicted(self, trial: Mapping[Any, Any]) -> np.ndarray | None:
-        """The predicted states (T, N, n) of a trial.
+        """The states (T, N, n) that a row predicts, as far as the published step finds them.
 
-        Args:
-            trial: its row, with ``scenario, sensor, sigma, seed, estimator, status`` and
-                ``published_forward``.
-
-        Returns:
-            None if it has no prediction by the published step, or none is stored.
-
-        Raises:
-            NotDrawnError: if what is stored cannot be read.
+        None if there are none, or they are not stored; NotDrawnError if they cannot be read.
         """
         if trial["status"] != "ok" or trial["published_forward"] == 0:
             return None
@@ -117,11 +96,7 @@ class Scene:
 
 
 def scene_of(name: str, seed: int, study: Study = USUAL) -> Scene:
-    """The scene of a scenario's draw.
-
-    Raises:
-        NotDrawnError: if it is not stored, or cannot be read.
-    """
+    """The scene of a scenario's draw; NotDrawnError if it is not stored, or cannot be read."""
     try:
         truth = study.scenes.truth(name, seed)
     except NoSceneError as error:
@@ -141,19 +116,14 @@ def _limits(positions: np.ndarray, road: bool) -> Limits:
     """What to show around positions (S, 2): ((low, high) of px, (low, high) of py) [m]."""
     low, high = positions.min(axis=0), positions.max(axis=0)
     extents = high - low
-    margins = np.maximum(_MARGIN * extents, _LEAST_MARGIN * extents.max())
-    if road:
-        margins = np.full(2, _ROAD_MARGIN)
+    usual = np.maximum(_MARGIN * extents, _LEAST_MARGIN * extents.max())
+    margins = np.full(2, _ROAD_MARGIN) if road else usual
     (left, bottom), (right, top) = (low - margins).tolist(), (high + margins).tolist()
     return (left, right), (bottom, top)
 
 
 def estimated_weights(value: Any, truth: TrueScene) -> np.ndarray | None:
-    """Weights (N, K) of a row; None if it has none.
-
-    Raises:
-        NotDrawnError: on weights that do not fit the truth, such as those of another version.
-    """
+    """Weights (N, K) of a row; None if it has none; NotDrawnError if they do not fit the truth."""
     if value is None or (isinstance(value, float) and np.isnan(value)) or value is pd.NA:
         return None
     try:
@@ -167,19 +137,20 @@ def estimated_weights(value: Any, truth: TrueScene) -> np.ndarray | None:
 
 @dataclass(frozen=True)
 class Choice:
-    """Trials that may be shown, all with the same sensor and noise.
+    """Trials that may be shown, all with the same sensor and noise."""
 
-    Attributes:
-        estimators: labels of the two whose predictions are shown.
-        sensor: label of the sensor.
-        sigma: noise level [m].
-        seeds: draws, the one whose difference of errors is nearest to the median first.
-    """
-
-    estimators: tuple[str, str]
+    estimators: tuple[str, str]  # whose predictions are shown
     sensor: str
     sigma: float
-    seeds: tuple[int, ...]
+    seeds: tuple[int, ...]  # those first whose difference of errors is nearest to the median
+
+
+def tried(trials: pd.DataFrame) -> pd.DataFrame:
+    """The attempts of a scenario; NotDrawnError if there are none."""
+    attempts = attempts_of(trials)
+    if attempts.empty:
+        raise NotDrawnError("nothing was attempted")
+    return attempts
 
 
 def choose(trials: pd.DataFrame, study: Study = USUAL) -> Choice:
@@ -187,18 +158,9 @@ def choose(trials: pd.DataFrame, study: Study = USUAL) -> Choice:
 
     The first estimator has the least median position error, the second one is the paper's baseline,
     its method, or the next one. The noise is the largest at which both predict at least half of the
-    draws, with the first sensor for which they do.
-
-    Args:
-        trials: trials of one scenario.
-        study: study of the run.
-
-    Raises:
-        NotDrawnError: if there are no two estimators, or no trial with predictions of both.
+    draws, with the first sensor for which they do. NotDrawnError if two predict no trial in common.
     """
-    attempts = attempts_of(trials)
-    if attempts.empty:
-        raise NotDrawnError("nothing was attempted")
+    attempts = tried(trials)
     first, second = _two_estimators(attempts, study)
     drawn = attempts["status"].eq("ok") & ~attempts["published_forward"].eq(0)
     told = attempts[_TRIAL].assign(drawn=drawn, error=attempts["position_error"])
@@ -236,8 +198,7 @@ def shown_trial(
 ) -> tuple[int, Scene, list[dict[Any, Any]], list[np.ndarray]]:
     """The first draw of a choice whose predictions are stored: seed, scene, rows, predictions.
 
-    Raises:
-        NotDrawnError: if none of the first draws has both, or it cannot be read.
+    NotDrawnError if none of the first draws has both, or it cannot be read.
     """
     for seed in choice.seeds[:_TRIES]:
         here = trials[trials["seed"] == seed]
@@ -256,20 +217,10 @@ def sequences(
 ) -> tuple[list[Place], list[str]]:
     """Sequences of a scenario that a page plays, the chosen one first, and the two estimators.
 
-    The others are the wanted ones, and those of the same draw at other noise levels.
-
-    Args:
-        trials: trials of one scenario.
-        most: number of sequences, the wanted ones apart.
-        wanted: sequences that must be among them, if the scenario has them.
-        study: study of the run.
-
-    Raises:
-        NotDrawnError: if nothing was attempted.
+    The others are the ``wanted`` ones that the scenario has, and up to the number ``most`` those of
+    the same draw at other noise levels. NotDrawnError if nothing was attempted.
     """
-    attempts = attempts_of(trials)
-    if attempts.empty:
-        raise NotDrawnError("nothing was attempted")
+    attempts = tried(trials)
     known = {(float(sigma), int(seed)) for sigma, seed in attempts[["sigma", "seed"]].to_numpy()}
     try:
         choice = choose(attempts, study)

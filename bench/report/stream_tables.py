@@ -14,7 +14,7 @@ from olne_bench.bench.plan.outcome import FAILURES
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import KEY_COLUMNS
 from olne_bench.bench.report.statistics.attempts import FLOOR, attempts_of
-from olne_bench.bench.report.statistics.intervals import Interval, median_interval
+from olne_bench.bench.report.statistics.intervals import median_interval
 from olne_bench.bench.report.statistics.pairs import compare_pairs, holm
 from olne_bench.bench.run.store import Store
 
@@ -41,10 +41,9 @@ _COMPARISON += ["wins", "wins_low", "wins_high", "p"]
 
 
 def update_table(store: Store, suite: Suite) -> pd.DataFrame:
-    """A row for each sample of each motion in a store, with ``COLUMNS``.
+    """A row for each sample of each motion in a store, with ``COLUMNS``, in the suite's order.
 
-    A motion that an estimator did not follow has one row, whose ``sample`` is 0. The order is that
-    of the suite, whenever rows were written; what it does not have comes last.
+    A motion that an estimator did not follow has one row, whose ``sample`` is 0.
     """
     rows: list[dict[str, Any]] = []
     for batch in store.batches():
@@ -53,15 +52,10 @@ def update_table(store: Store, suite: Suite) -> pd.DataFrame:
             if not (nothing and record["estimator"] in suite.references):
                 rows += _rows_of(record)
     table = pd.DataFrame(rows, columns=list(COLUMNS))
-    known = {
-        "scenario": [one.label for one in suite.scenarios],
-        "sensor": [one.label for one in suite.sensors],
-        "estimator": [one.label for one in suite.estimators],
-    }
     places = table[[*_PLACE, "estimator", "sample"]].copy()
-    for name, labels in known.items():
-        rank = {label: k for k, label in enumerate(labels)}
-        places[name] = table[name].map(rank).fillna(len(rank))
+    for name in ("scenario", "sensor", "estimator"):
+        rank = {entry.label: k for k, entry in enumerate(getattr(suite, f"{name}s"))}
+        places[name] = table[name].map(rank).fillna(len(rank))  # what it lacks comes last
     order = places.sort_values(list(places.columns), kind="stable").index
     return table.loc[order].reset_index(drop=True)
 
@@ -78,11 +72,11 @@ def _rows_of(record: dict[str, Any]) -> list[dict[str, Any]]:
 def summary_table(rows: pd.DataFrame) -> pd.DataFrame:
     """A line for each scenario, sensor, noise level and estimator of an ``update_table``.
 
-    Columns: motions; updates; ``failed`` and ``late``, shares of updates; ``latency_50``, ``_95``
-    and ``_99`` [ms], percentiles over updates; ``half_time`` [s], the median time until the cosine
-    error is half of that of uniform weights, missing where most motions do not get there; medians
-    over motions of the cosine error and of the errors of predictions [m]. ``_low`` and ``_high``
-    are the ends of 95 % intervals, infinite for times that are never reached.
+    Columns: ``motions, updates``; ``failed, late``, shares of updates; ``latency_50, _95, _99``
+    [ms], percentiles over updates; ``half_time`` [s], the median time until the cosine error is
+    half of that of uniform weights, missing where most motions do not get there; medians over
+    motions of the cosine error and of errors of predictions [m]; ends ``_low, _high`` of 95 %
+    intervals, infinite for times that are never reached.
     """
     lines = []
     for key, part in attempts_of(rows).groupby(_GROUP, sort=False):
@@ -95,7 +89,7 @@ def summary_table(rows: pd.DataFrame) -> pd.DataFrame:
         }
         for level in (50, 95, 99):
             line[f"latency_{level}"] = np.percentile(latency, level) if len(latency) else np.nan
-        line |= _with_ends("half_time", median_interval(_half_times(part)))
+        line |= median_interval(_half_times(part)).columns("half_time")
         if np.isinf(line["half_time"]):
             line["half_time"] = np.nan
         lines.append(line | _errors(part.groupby("seed")[list(_ERRORS)].median()))
@@ -115,15 +109,12 @@ def over_time_table(rows: pd.DataFrame) -> pd.DataFrame:
 def comparison_table(rows: pd.DataFrame) -> pd.DataFrame:
     """Whether the error ``_COMPARED`` of each estimator is below that of each of ``_RIVALS``.
 
-    Both are compared after the same samples: those for which the rival has a prediction. An
-    estimator that has none there loses. A draw counts once, at all its noise levels. Uniform
-    weights are no contender.
-
-    Columns: ``scenario, sensor, estimator, other, factor``; ``ratio``, the median over motions of
-    the error over that of the other (without the factor); ``pairs`` (motions) and ``units``
-    (draws); ``wins`` (share of motions in which the error is below ``factor`` times the other's)
-    with ``wins_low`` and ``wins_high`` (95 %); ``p`` of a permutation test, and ``p_holm``,
-    adjusted after Holm for all rows.
+    Samples count for which the rival has a prediction; an estimator that has none there loses. A
+    draw counts once, at all its noise levels. Columns: ``scenario, sensor, estimator, other,
+    factor``; ``ratio``, the median over motions of the error over the other's; ``pairs`` (motions),
+    ``units`` (draws); ``wins``, the share of motions with an error below ``factor`` times the
+    other's, with ``wins_low, wins_high`` (95 %); ``p`` of a permutation test; ``p_holm``, adjusted
+    after Holm for all rows.
     """
     table = pd.DataFrame(_compared(attempts_of(rows)), columns=_COMPARISON)
     return table.assign(p_holm=holm(table["p"].to_numpy(float)))
@@ -157,12 +148,8 @@ def _errors(part: pd.DataFrame) -> dict[str, float]:
     line: dict[str, float] = {}
     for name in _ERRORS:
         found = median_interval(part[name].dropna().to_numpy(float))
-        line |= _with_ends(name, found) if name in _SURE else {name: found.estimate}
+        line |= found.columns(name) if name in _SURE else {name: found.estimate}
     return line
-
-
-def _with_ends(name: str, found: Interval) -> dict[str, float]:
-    return {name: found.estimate, f"{name}_low": found.low, f"{name}_high": found.high}
 
 
 def _half_times(part: pd.DataFrame) -> np.ndarray:

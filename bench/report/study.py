@@ -29,9 +29,8 @@ _USUAL_PRIMARY = "position_error"
 #: Errors that have scores although nobody is compared by them: positive, and the less the better.
 _ALSO_SCORED = ("held_out_error", "crps", "energy_score")
 
-#: The cosine error without what the data cannot identify. It is computed for a whole run
-#: (``statistics.identifiability``), not per trial: what is identifiable is a property of a
-#: scenario, all its trajectories and a sensor, and the same for every estimate.
+#: The cosine error without what the data cannot identify: a property of a scenario, all its
+#: trajectories and a sensor, so ``statistics.identifiability`` computes it for a whole run.
 IDENTIFIABLE = MetricDeclaration(
     "identifiable_cosine_error",
     label="identifiable error",
@@ -65,36 +64,33 @@ class Study:
         return self.scenarios[label]
 
     def is_family(self, label: str) -> bool:
-        """Whether each seed of the scenario with this label has its own draw."""
+        """Whether each seed of a scenario has its own draw, as is assumed of an unknown one."""
         known = self.scenarios.get(label)
-        return known is None or known.family  # the careful choice
+        return known is None or known.family
 
     def has_drawn_truths(self, label: str) -> bool:
-        """Whether each seed draws the true weights of the scenario with this label."""
-        known = self.scenarios.get(label)
-        return known is not None and has_drawn_truths(known)
+        """Whether each seed draws the true weights of a scenario."""
+        return label in self.scenarios and has_drawn_truths(self.scenarios[label])
 
     def is_published(self, label: str) -> bool:
-        """Whether the true weights of the scenario with this label are known to be constants."""
+        """Whether the true weights of a scenario are known to be constants."""
         return label in self.scenarios and not self.has_drawn_truths(label)
 
     def is_foreign(self, label: str) -> bool:
-        """Whether the estimator with this label is known, and is a plugin."""
-        known = self.estimators.get(label)
-        return known is not None and is_foreign(known)
+        """Whether an estimator is known, and is a plugin."""
+        return label in self.estimators and is_foreign(self.estimators[label])
 
     def is_floor(self, label: str) -> bool:
-        """Whether the estimator with this label is a reference that all others must beat."""
+        """Whether an estimator is a reference that all others must beat."""
         return self._built_in(label) in _FLOORS
 
     def knows_prior(self, label: str) -> bool:
-        """Whether the estimator with this label knows how true weights are drawn."""
+        """Whether an estimator knows how true weights are drawn."""
         return self._built_in(label) in _KNOW_PRIOR
 
     def _built_in(self, label: str) -> str:
-        """Name of a label's estimator, as far as it is known; for others their label."""
-        known = self.estimators.get(label)
-        return label if known is None else known.name
+        """Name of a label's estimator; the label itself if it is not known."""
+        return self.estimators[label].name if label in self.estimators else label
 
     def noise_seed(self, label: str, sigma: float, seed: int) -> int:
         """Seed of the noise of the trials of a scenario."""
@@ -111,18 +107,12 @@ def study_in(folder: Path, store: Store) -> Study:
     UserError as of ``study_of``, and on confirmations that cannot be read.
     """
     study = study_of(read_suite_json(run.suite) for run in store.runs())
-    return replace(
-        study,
-        scenes=StoredScenes(folder, salt_id(study.salt)),
-        confirmations=confirmations_of(folder, store),
-    )
+    scenes, confirmed = StoredScenes(folder, salt_id(study.salt)), confirmations_of(folder, store)
+    return replace(study, scenes=scenes, confirmations=confirmed)
 
 
 def study_of(suites: Iterable[Suite]) -> Study:
-    """A study from its suites: a suite may grow when a run continues. It knows no truth.
-
-    If none names metrics, the built-in ones count. UserError on a suite of another kind.
-    """
+    """A study, without truths, from its suites, as one may grow; UserError if of another kind."""
     suites = [*suites]
     for suite in suites:
         if suite.kind != "trials":
@@ -163,20 +153,14 @@ def primary(metrics: Sequence[MetricDeclaration]) -> MetricDeclaration | None:
 
 
 def in_table(metrics: Iterable[MetricDeclaration], trials: pd.DataFrame) -> list[MetricDeclaration]:
-    """The metrics with a value in a table of trials; if all trials failed, also the compared ones.
-
-    A metric without any value, where some trials went well, does not apply to the scenarios.
-    """
+    """The metrics with a value in a table of trials; if all failed, also the compared ones."""
     some_ok = bool(trials["status"].eq("ok").any())
     known = [metric for metric in metrics if metric.name in trials]
     return [m for m in known if worth_a_table(m, bool(trials[m.name].notna().any()), some_ok)]
 
 
 def worth_a_table(metric: MetricDeclaration, valued: bool, some_ok: bool) -> bool:
-    """Whether tables show a metric that trials have: levels have tables of their own.
-
-    ``valued``: any trial has a value of it; ``some_ok``: any trial went well.
-    """
+    """Whether tables show a metric: some trial has a value, or all failed; no level is shown."""
     return not metric.is_level and (valued or (metric.compared and not some_ok))
 
 

@@ -6,33 +6,12 @@ import pandas as pd
 
 from olne_bench.bench.report.leaderboard import errors_by_noise, scored_rows, summaries
 from olne_bench.bench.report.parts import Parts, joined, of_each, parts_of
-from olne_bench.bench.report.statistics.attempts import (
-    failures,
-    harness_errors,
-    most_frequent_first,
-)
+from olne_bench.bench.report.statistics import attempts, identifiability, recognition
 from olne_bench.bench.report.statistics.calibration import calibration_table
 from olne_bench.bench.report.statistics.damage import damage_table
-from olne_bench.bench.report.statistics.identifiability import (
-    bound_ratios,
-    identifiability_table,
-    identifiable_errors,
-    unknown_truths,
-)
-from olne_bench.bench.report.statistics.noise_identifiability import identifiability_by_noise
-from olne_bench.bench.report.statistics.recognition import (
-    confusion_table,
-    drivers,
-    temperament_table,
-)
 from olne_bench.bench.report.statistics.score import log_errors, pair_table, score_table
 from olne_bench.bench.report.statistics.standing import KEY, if_told, ranking, standings
 from olne_bench.bench.report.study import IDENTIFIABLE, USUAL, Study
-
-#: Tables of runs whose drivers have temperaments.
-_OF_DRIVERS = {"temperaments", "confusions"}
-#: Those that terminal and page tell in words.
-_TOLD = {"harness_errors", "failures", "notes"}
 
 
 @dataclass(frozen=True)
@@ -56,7 +35,8 @@ class RunTables:
 
     def by_name(self) -> dict[str, pd.DataFrame]:
         """The tables that are written to the run folder, by name."""
-        left = _TOLD | (set() if len(self.temperaments) else _OF_DRIVERS)
+        left = {"harness_errors", "failures", "notes"}  # which terminal and page tell in words
+        left |= set() if len(self.temperaments) else {"temperaments", "confusions"}
         left |= set() if len(self.damage) else {"damage"}
         return {name: table for name, table in vars(self).items() if name not in left}
 
@@ -76,7 +56,7 @@ def tabulate(trials: pd.DataFrame | Parts, study: Study = USUAL) -> RunTables:
     whole["leaderboard"] = if_told(scored_rows(whole["leaderboard"], shown, scores, study))
     whole["damage"] = damage_table(whole["leaderboard"], study)
     for name in ("harness_errors", "failures"):
-        whole[name] = most_frequent_first(whole[name])
+        whole[name] = attempts.most_frequent_first(whole[name])
     return RunTables(scores=scores, comparisons=pair_table(logs, study), notes=notes, **whole)
 
 
@@ -84,22 +64,24 @@ def _tabulated(trials: pd.DataFrame, study: Study) -> dict[str, pd.DataFrame]:
     """Tables of some scenarios, as far as they do not depend on others."""
     # The weights of a million trials are slow to copy, and most tables do not need them.
     plain = trials.drop(columns=["weights", "weight_levels"], errors="ignore")
-    of_drivers = drivers(trials, study)  # several in each trial: not kept for longer
-    by_temperament = {"temperaments": temperament_table(of_drivers)}
-    by_temperament["confusions"] = confusion_table(of_drivers)
-    del of_drivers
-    known = plain.assign(identifiable_cosine_error=identifiable_errors(trials, study))
-    board, standing = summaries(known, study), standings(trials, study)
+    drivers = recognition.drivers(trials, study)
+    temperaments = recognition.temperament_table(drivers)
+    confusions = recognition.confusion_table(drivers)
+    del drivers  # several in each trial
+    errors = identifiability.identifiable_errors(trials, study)
+    board = summaries(plain.assign(identifiable_cosine_error=errors), study)
+    standing, unknown = standings(trials, study), identifiability.unknown_truths(trials, study)
     return {
         "leaderboard": board if board.empty else board.merge(standing, on=KEY, how="left"),
         "errors_by_noise": errors_by_noise(plain, study),
         "logs": log_errors(ranking(plain, standing), study),
-        "identifiability": identifiability_table(trials, study),
-        "identifiability_by_noise": identifiability_by_noise(plain, study),
-        "bound_ratios": bound_ratios(trials, study),
+        "identifiability": identifiability.identifiability_table(trials, study),
+        "identifiability_by_noise": identifiability.identifiability_by_noise(plain, study),
+        "bound_ratios": identifiability.bound_ratios(trials, study),
         "calibration": calibration_table(trials),
-        **by_temperament,
-        "harness_errors": harness_errors(plain),
-        "failures": failures(plain),
-        "notes": pd.DataFrame({"note": unknown_truths(trials, study)}, dtype=object),
+        "temperaments": temperaments,
+        "confusions": confusions,
+        "harness_errors": attempts.harness_errors(plain),
+        "failures": attempts.failures(plain),
+        "notes": pd.DataFrame({"note": unknown}, dtype=object),
     }

@@ -12,7 +12,7 @@ from olne_bench.bench.report.escapes import write_csv
 from olne_bench.bench.report.figures import draw_figures, online, style
 from olne_bench.bench.report.leaderboard_text import format_summary, latex, markdown
 from olne_bench.bench.report.page.online import online_page
-from olne_bench.bench.report.page.render import Extras, render_page
+from olne_bench.bench.report.page.render import render_page
 from olne_bench.bench.report.parts import write_trials
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.study import Study, study_in
@@ -46,12 +46,10 @@ class Report:
 def write_report(
     folder: Path, formats: Sequence[str], playable: Sequence[tuple[float, int]] = ()
 ) -> Report:
-    """Write tables, as CSV, the page ``index.html`` and, if there are formats, ``figures/``.
+    """Write ``trials`` and ``RunTables``, ``index.html`` and, if there are formats, ``figures/``.
 
-    The tables are ``trials`` (also as Parquet), ``leaderboard`` (also in Markdown and LaTeX), and
-    those of ``RunTables``. The page can play the trials of the ``playable`` noise levels and seeds.
-    Truths and motions are those of the store. Only the trials of one scenario are in memory.
-    UserError if there is no run in the folder.
+    The page can play the trials of the ``playable`` noise levels and seeds. Only the trials of one
+    scenario are in memory. UserError if there is no run in the folder.
     """
     with read_store(folder) as store:
         runs = store.runs()
@@ -66,8 +64,7 @@ def write_report(
     write_text(folder / "leaderboard.tex", latex(tables.leaderboard, study))
     pictures, lost = draw_figures(trials, tables, folder / "figures", formats, study)
     notes = [*tables.notes, *lost]
-    extras = Extras(playable=tuple(playable), pictures=pictures)
-    page = render_page(trials, tables, runs, study, notes, extras)
+    page = render_page(trials, tables, runs, study, notes, playable=playable, pictures=pictures)
     write_text(folder / "index.html", page.html)
     return Report(tables, study, list(dict.fromkeys([*notes, *page.notes])))
 
@@ -167,10 +164,8 @@ def write_figures(
 
 
 def _refuse_unknown(store: Store, places: Sequence[tuple[float, int]]) -> None:
-    if not places:
-        return
     known: set[tuple[float, int]] = set()
-    for batch in store.batches():
+    for batch in store.batches() if places else ():
         known |= set(zip(*(batch.column(n).to_pylist() for n in ("sigma", "seed")), strict=True))
     for sigma, seed in places:
         if (sigma, seed) not in known:

@@ -1,8 +1,4 @@
-"""Figures of a study, made from its tables and trials.
-
-Functions named ``draw`` make a ``Figure`` of one scenario, or of the scores of all. They raise
-``NotDrawnError`` if they cannot. No figure has more than six panels.
-"""
+"""Figures of a study: ``draw`` makes one of a scenario or of all scores, or ``NotDrawnError``."""
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -35,10 +31,10 @@ def draw_figures(
     formats: Sequence[str] = USUAL_FORMATS,
     study: Study = USUAL,
 ) -> tuple[Pictures, list[str]]:
-    """Draw every figure that the trials allow: ``scores``, ``damage``, and others of a scenario.
+    """Draw ``scores``, ``damage``, and others of each scenario, if there are formats.
 
-    Files are named ``<kind>_<scenario>.png`` and so on, in as many formats as there are, if any.
-    The same trials give the same bytes. What could not be drawn is told, and why.
+    Files are named ``<kind>_<scenario>.png`` and so on. The same trials give the same bytes. What
+    could not be drawn is told, and why.
     """
     pictures: Pictures = {}
     notes: list[str] = []
@@ -57,8 +53,18 @@ def draw_figures(
         style.save(figure, directory / name, formats)
 
     def scenario(name: str, rows: pd.DataFrame) -> None:
-        for kind, draw in _kinds(name, rows, tables, study).items():
-            add(kind, name, draw)
+        known, drivers = (
+            table[table["scenario"] == name]
+            for table in (tables.identifiability_by_noise, tables.confusions)
+        )
+        add("trial", name, lambda: trial.draw(rows, study))
+        add("errors", name, lambda: over_noise.draw_errors(rows, study))
+        add("failures", name, lambda: over_noise.draw_failures(rows))
+        add("identifiability", name, lambda: over_noise.draw_identifiability(known))
+        add("calibration", name, lambda: calibration.draw_coverage(rows))
+        add("widths", name, lambda: calibration.draw_widths(rows))
+        if len(drivers):
+            add("confusion", name, lambda: confusion.draw(drivers))
 
     with style.applied():
         add("scores", "", lambda: forest.draw(tables.scores, study))
@@ -66,22 +72,3 @@ def draw_figures(
             add("damage", "", lambda: damage.draw(tables.damage))
         of_each(parts_of(trials), scenario)
     return pictures, notes
-
-
-def _kinds(
-    name: str, rows: pd.DataFrame, tables: RunTables, study: Study
-) -> dict[str, Callable[[], Figure]]:
-    """How the figures of a scenario are drawn, by kind."""
-    known, drivers = (
-        table[table["scenario"] == name]
-        for table in (tables.identifiability_by_noise, tables.confusions)
-    )
-    kinds: dict[str, Callable[[], Figure]] = {
-        "trial": lambda: trial.draw(rows, study),
-        "errors": lambda: over_noise.draw_errors(rows, study),
-        "failures": lambda: over_noise.draw_failures(rows),
-        "identifiability": lambda: over_noise.draw_identifiability(known),
-        "calibration": lambda: calibration.draw_coverage(rows),
-        "widths": lambda: calibration.draw_widths(rows),
-    }
-    return kinds | ({"confusion": lambda: confusion.draw(drivers)} if len(drivers) else {})

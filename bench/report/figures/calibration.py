@@ -29,13 +29,13 @@ _SMALLEST, _LARGEST = 3.0, 8.0  # markers of the least and the most noise [pt]
 
 
 def draw_coverage(trials: pd.DataFrame) -> Figure:
-    """Coverage over the level, and below it levels of single weights, one column per sensor.
+    """Coverage over the level, and below it levels of single weights, a column per sensor.
 
-    All noise levels count together, and three sensors at most. A grey band holds a calibrated curve
-    with 95 % at each level: above, one of that many trials; below, one of as many levels as there
-    are draws, as trials of one draw share their true weights. Dotted lines are those of regions
-    around random points (TARP), which need samples. Below, a line that rises at both ends belongs
-    to intervals that are too narrow; one that is above zero, to estimates that are too high.
+    All noise levels count, and three sensors at most. A grey band holds a calibrated curve with
+    95 % at each level: above, one of that many trials; below, of as many levels as there are draws,
+    as trials of a draw share their weights. Dotted lines are of regions around random points
+    (TARP). Below, lines that rise at both ends belong to intervals that are too narrow; those above
+    zero, to estimates that are too high.
     """
     attempts = attempts_of(trials)
     if LEVEL not in attempts or not attempts[LEVEL].notna().any():
@@ -105,23 +105,20 @@ def _entries(told: pd.DataFrame) -> style.Entries:
 def draw_widths(trials: pd.DataFrame) -> Figure:
     """Coverage of 95 % regions over their median width, one panel per sensor.
 
-    A point is one noise level, the larger the noisier; bars are exact 95 % intervals. An estimator
-    is calibrated where its bars reach the line at 95 %, and of those that are, the one on the left
-    knows most.
+    A point is one noise level, the larger the noisier; bars are exact 95 % intervals. Of estimators
+    whose bars reach the line at 95 %, the one on the left knows most.
     """
     table = width_table(trials)
     if table.empty:
         raise NotDrawnError("no estimate has a region with a width")
-    sensors = style.sensor_order(table["sensor"].tolist())
     sigmas = sorted(table["sigma"].unique())
     sizes = dict(zip(sigmas, np.linspace(_SMALLEST, _LARGEST, len(sigmas)), strict=True))
     names = style.estimator_order(table["estimator"].tolist())
-    figure, axes = style.grid(sensors, _WIDTH_SIZE)
-    for panel, sensor in zip(axes, sensors, strict=False):
+    figure, panels = style.by_sensor(table, _WIDTH_SIZE)
+    for panel, own in panels:
         _frame(panel)
         for name in names:
-            own = table[(table["sensor"] == sensor) & (table["estimator"] == name)]
-            _points(panel, own.sort_values("sigma"), name, sizes)
+            _points(panel, own[own["estimator"] == name].sort_values("sigma"), name, sizes)
         low, high = panel.get_xlim()
         if high < _NARROW * low:  # one width, or two that differ by rounding
             panel.set_xlim(low / _NARROW, high * _NARROW)

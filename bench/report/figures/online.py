@@ -123,16 +123,10 @@ def _point(axes: Axes, row: dict[Any, Any]) -> Any:
     ends = ("", "_low", "_high")
     percent = np.array([100 * row[f"collision{end}"] for end in ends])
     regret = np.array([row[f"regret{end}"] for end in ends])
-    return axes.errorbar(
-        regret[0],
-        percent[0],
-        xerr=_reach(regret),
-        yerr=_reach(percent),
-        fmt="D" if planner in _PLANNER_COLOURS else "o",
-        color=colour,
-        markersize=5,
-        linewidth=1.0,
-    )
+    looks: dict[str, Any] = {"fmt": "D" if planner in _PLANNER_COLOURS else "o", "color": colour}
+    looks |= {"markersize": 5, "linewidth": 1.0}
+    bars: dict[str, Any] = {"xerr": _reach(regret), "yerr": _reach(percent)}
+    return axes.errorbar(regret[0], percent[0], **bars, **looks)
 
 
 def _reach(values: np.ndarray) -> np.ndarray:

@@ -13,7 +13,8 @@ from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.formats import NotDrawnError
 from olne_bench.bench.report.leaderboard import errors_by_noise, published_failures
-from olne_bench.bench.report.statistics.attempts import FLOOR, attempts_of
+from olne_bench.bench.report.scenes import tried
+from olne_bench.bench.report.statistics.attempts import FLOOR
 from olne_bench.bench.report.study import USUAL, Study, in_table, primary
 
 _ERRORS, _FAILURES, _KNOWN = (3.5, 2.9), (3.5, 2.6), (3.4, 2.9)  # sizes of a panel [inch]
@@ -24,10 +25,10 @@ _LEAST = 0.05  # of the upper end of failures
 def draw_errors(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     """Median errors at each noise level with 95 % intervals, a panel for each metric and sensor.
 
-    There are six at most: of as many sensors as there are, the primary metric first. A failure
-    counts as infinitely wrong; where half of the trials fail, there is no point.
+    There are six at most, the primary metric first. Where half of the trials fail, there is no
+    point.
     """
-    attempts = _attempts(trials)
+    attempts = tried(trials)
     first = primary(study.metrics)
     known = [m for m in in_table(study.metrics, attempts) if m.drawn and not m.is_share]
     metrics = sorted(known, key=lambda metric: metric != first)
@@ -45,13 +46,6 @@ def draw_errors(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     names = style.estimator_order(table["estimator"].tolist())
     style.legend_below(figure, style.estimator_entries(names))
     return figure
-
-
-def _attempts(trials: pd.DataFrame) -> pd.DataFrame:
-    attempts = attempts_of(trials)
-    if attempts.empty:
-        raise NotDrawnError("nothing was attempted")
-    return attempts
 
 
 def _errors(axes: Axes, table: pd.DataFrame, metric: MetricDeclaration, sensor: str) -> None:
@@ -100,15 +94,14 @@ def draw_failures(trials: pd.DataFrame) -> Figure:
 
     The legend gives the number of trials without any prediction.
     """
-    attempts = _attempts(trials)
-    sensors = style.sensor_order(attempts["sensor"].tolist())
+    attempts = tried(trials)
     names = style.estimator_order(attempts["estimator"].tolist())
     levels = sorted(attempts["sigma"].unique())
-    figure, axes = style.grid(sensors, _FAILURES)
-    tables = [failure_shares(attempts[attempts["sensor"] == sensor]) for sensor in sensors]
+    figure, panels = style.by_sensor(attempts, _FAILURES)
+    tables = [failure_shares(own) for _, own in panels]
     top = min(1.02, 1.05 * max(_LEAST, *(table["high"].max() for table in tables)))
     shifts = dict(zip(names, style.offsets(len(names)), strict=True))
-    for panel, table in zip(axes, tables, strict=False):
+    for (panel, _), table in zip(panels, tables, strict=True):
         panel.set(ylim=(-0.02 * top, top), ylabel="Failed trials, published definition")
         style.levels_axis(panel, levels)
         style.percent(panel.yaxis)
@@ -130,8 +123,7 @@ def _told(attempts: pd.DataFrame, name: str) -> str:
 def failure_shares(attempts: pd.DataFrame) -> pd.DataFrame:
     """Per estimator and noise level: ``share`` of failed trials and its interval ``low, high``.
 
-    Rows that stand for several equal sequences (sigma = 0) are not random and have no interval: low
-    and high are the share itself.
+    Rows that stand for several equal sequences are not random: low and high are the share itself.
     """
     levels = []
     for (estimator, sigma), rows in attempts.groupby(["estimator", "sigma"]):
@@ -149,22 +141,19 @@ def failure_shares(attempts: pd.DataFrame) -> pd.DataFrame:
 def draw_identifiability(table: pd.DataFrame) -> Figure:
     """Share of the prior variance that is left of each weight, one panel per sensor.
 
-    A colour is a weight, and a line one player's, or an unknown parameter's. At 100 % the data tell
-    nothing. In a family, the mean over some draws is drawn. The table has the rows of
-    ``identifiability_by_noise`` of one scenario.
+    A colour is a weight, and a line one player's, or an unknown parameter's. The table has the rows
+    of ``identifiability_by_noise`` of one scenario.
     """
     if table.empty:
         raise NotDrawnError("there is no noise, or no truth that can be played here")
-    sensors = style.sensor_order(table["sensor"].tolist())
     colours = {name: f"C{k % 10}" for k, name in enumerate(dict.fromkeys(table["weight"]))}
     levels = sorted(table["sigma"].unique())
-    figure, axes = style.grid(sensors, _KNOWN)
-    for panel, sensor in zip(axes, sensors, strict=False):
+    figure, panels = style.by_sensor(table, _KNOWN)
+    for panel, own in panels:
         panel.set(ylim=(-0.02, 1.02), ylabel="Left of the prior variance")
         style.levels_axis(panel, levels)
         style.percent(panel.yaxis)
-        own = table[table["sensor"] == sensor].sort_values("sigma")
-        for (_, name), rows in own.groupby(["player", "weight"], sort=False):
+        for (_, name), rows in own.sort_values("sigma").groupby(["player", "weight"], sort=False):
             x = [levels.index(sigma) for sigma in rows["sigma"]]
             panel.plot(x, rows["left"], "o-", color=colours[name], markersize=3, linewidth=1.1)
     draws = int(table["draws"].max())

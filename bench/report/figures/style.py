@@ -14,6 +14,7 @@ from typing import Any
 import matplotlib
 import matplotlib.style
 import numpy as np
+import pandas as pd
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
@@ -26,8 +27,8 @@ from olne_bench.bench.report.statistics.attempts import FLOOR
 from olne_bench.errors import UserError
 
 #: One (strong, light) pair per built-in estimator: shades of one hue of Okabe and Ito, which
-#: colour-blind readers can distinguish. A name keeps its pair in every study. No player has one of
-#: these colours. ``ignorant`` stands for several estimators, so that its labels decide.
+#: colour-blind readers can distinguish, and which no player has. ``ignorant`` stands for several
+#: estimators, so that its labels decide.
 ESTIMATOR_COLOURS = {
     "kkt_constrained": ("#0072B2", "#56B4E9"),
     "kkt_residual": ("#D55E00", "#E69F00"),
@@ -115,16 +116,12 @@ def svg_text(figure: Figure) -> str:
 
 
 def _lay_out(figure: Figure) -> None:
-    """Compute the layout once, not for each file.
-
-    Settings that ask for a layout would give the figure a new one, which draws it twice.
-    """
+    """Compute the layout once, not for each file, as the settings would."""
     layout = figure.get_layout_engine()
-    if layout is None:
-        return
     equal = any(axes.get_aspect() != "auto" for axes in figure.axes)
     for _ in range(2 if equal else 1):  # panels of equal aspect settle in the second round
-        layout.execute(figure)
+        if layout is not None:
+            layout.execute(figure)
     figure.set_layout_engine(None)
 
 
@@ -227,6 +224,16 @@ def grid(titles: Sequence[str], size: tuple[float, float]) -> tuple[Figure, list
     return figure, list(panels[:number])
 
 
+def by_sensor(
+    table: pd.DataFrame, size: tuple[float, float]
+) -> tuple[Figure, list[tuple[Axes, pd.DataFrame]]]:
+    """A figure with a panel for each of the first six sensors of a table, and their rows."""
+    sensors = sensor_order(table["sensor"].tolist())
+    figure, panels = grid(sensors, size)
+    own = (table[table["sensor"] == sensor] for sensor in sensors)
+    return figure, list(zip(panels, own, strict=False))
+
+
 def levels_axis(axes: Axes, levels: Sequence[float]) -> None:
     """An abscissa of noise levels, evenly spaced."""
     labels = [f"{level:g}" for level in levels]
@@ -241,10 +248,7 @@ def offsets(number: int) -> np.ndarray:
 
 
 def with_interval(axes: Axes, x: Any, values: np.ndarray, looks: dict[str, Any]) -> None:
-    """Points (P,) joined by a line, with a bar from low to high where these are known.
-
-    ``values`` (3, P) are middle, low and high; an infinite middle breaks the line.
-    """
+    """A line through points (P,) with bars; ``values`` (3, P) are middle, low and high."""
     middle, low, high = values
     _, top = axes.get_ylim()
     axes.vlines(x, low, np.minimum(high, top), color=looks["color"], alpha=0.55, linewidth=1.6)

@@ -26,13 +26,7 @@ _DASHES, _TRUTH_STYLE = (0, (5, 5)), (0, (3, 1.5))
 
 
 def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
-    """Truth and observations of one trial, then the predictions of two estimators.
-
-    The trial follows from the data by a rule (``scenes.choose``), which the title says.
-
-    Raises:
-        NotDrawnError: as ``choose`` and ``scene_of``, and if no prediction is stored.
-    """
+    """Truth and observations of a trial that ``scenes.choose`` picks, and two predictions."""
     choice = choose(trials, study)
     seed, scene, rows, found = shown_trial(trials, choice, study)
     figure, panels = _panels(scene)
@@ -43,9 +37,8 @@ def draw(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
         _prediction(axes, scene, row, states)
     for axes in panels:
         _truth(axes, scene)
-    name, note = scene.axis_names[1], ""
-    if scene.stretch > 1:
-        note = f" ({name} stretched × {scene.stretch:g})"
+    stretched = f" ({scene.axis_names[1]} stretched × {scene.stretch:g})"
+    note = stretched if scene.stretch > 1 else ""
     style.entitle(
         figure,
         f"{scene.name}, draw {seed}: σ = {choice.sigma:g} m, sensor {choice.sensor}{note}\n"

@@ -9,13 +9,10 @@ from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.board import board_note, board_table, errors_of_board, tag
 from olne_bench.bench.report.page import tables as t
 from olne_bench.bench.report.statistics.identifiability import REFERENCE_SIGMA
-from olne_bench.bench.report.statistics.score import (
-    ALL,
-)
+from olne_bench.bench.report.statistics.score import ALL
 from olne_bench.bench.report.study import FAILURES, Study, primary
 from olne_bench.bench.report.tables import RunTables
 
-_NOTHING = "No estimator has a score: that takes noise, and an estimator that ranks."
 _WEIGHT: t.Columns = t.own("sensor", "player", "weight")
 #: Titles and tables of a section of a page.
 Sections = list[tuple[str, list[t.Table]]]
@@ -160,37 +157,27 @@ def details_of(tables: RunTables) -> Sections:
         note=f"Root mean squared errors, noise up to {REFERENCE_SIGMA} m; 1 is as good as it gets.",
         filtered=True,
     )
+    levels: t.Columns = {**t.own("sensor", "estimator"), "σ [m]": "sigma", "Trials": "trials"}
+    levels |= {f"{level} % regions": t.share(f"covered_{level}") for level in (50, 80, 95)}
+    if "weights_95" in tables.calibration:
+        levels["95 % of single weights"] = t.share("weights_95")
+    calibration = t.table_of(
+        tables.calibration,
+        levels | {"p": t.p_value("p_uniform")},
+        name="calibration",
+        note="How often regions hold the truth, beside the level that they claim, with 95 % "
+        "intervals. p is the chance of levels as uneven as these if all were calibrated.",
+        filtered=True,
+    )
+    drivers = t.table_of(
+        tables.temperaments[tables.temperaments["sigma"].isna()],
+        t.own("sensor", "estimator", "temperament", "drivers")
+        | {"Cosine error": "cosine_error_median", "Recognised": t.share("recognised")},
+        name="temperaments",
+        note="Drivers have temperaments, which estimators are not told. A driver is recognised if "
+        "its estimated weights are most probable under its own temperament. All noise levels.",
+        filtered=True,
+    )
     found = [("What can be known of the weights", [known, ratios])]
-    if len(tables.calibration):
-        found.append(("Calibration", [_calibration(tables.calibration)]))
-    if len(tables.temperaments):
-        found.append(("Who drives", [_drivers(tables.temperaments)]))
-    return found
-
-
-def _calibration(table: pd.DataFrame) -> t.Table:
-    weights = {"95 % of single weights": t.share("weights_95")} if "weights_95" in table else {}
-    columns: t.Columns = {
-        **t.own("sensor", "estimator"),
-        "σ [m]": "sigma",
-        "Trials": "trials",
-        **{f"{level} % regions": t.share(f"covered_{level}") for level in (50, 80, 95)},
-        **weights,
-        "p": t.p_value("p_uniform"),
-    }
-    note = (
-        "How often regions hold the truth, beside the level that they claim, with 95 % intervals. "
-        "p is the chance of levels as uneven as these if all were calibrated."
-    )
-    return t.table_of(table, columns, name="calibration", note=note, filtered=True)
-
-
-def _drivers(table: pd.DataFrame) -> t.Table:
-    whole = table[table["sigma"].isna()]
-    columns = t.own("sensor", "estimator", "temperament", "drivers")
-    columns |= {"Cosine error": "cosine_error_median", "Recognised": t.share("recognised")}
-    note = (
-        "Drivers have temperaments, which estimators are not told. A driver is recognised if its "
-        "estimated weights are most probable under its own temperament. All noise levels."
-    )
-    return t.table_of(whole, columns, name="temperaments", note=note, filtered=True)
+    found += [("Calibration", [calibration])] if calibration.rows else []
+    return [*found, ("Who drives", [drivers])] if drivers.rows else found

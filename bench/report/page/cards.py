@@ -61,18 +61,15 @@ def docstring(path: Path, name: str) -> str:
     if the file cannot be read as Python.
     """
     tree = ast.parse(path.read_text(encoding="utf-8"))
-    said = ast.get_docstring(tree)
-    if said:
-        return said
     classes = [node for node in tree.body if isinstance(node, ast.ClassDef)]
     named = [node for node in classes if node.name == name]
-    able = [
-        node
-        for node in classes
-        if any(isinstance(n, ast.FunctionDef) and n.name == ESTIMATOR.method for n in node.body)
-    ]
-    found = (ast.get_docstring(node) for node in (*named, *able))
-    return next((text for text in found if text), "")
+    able = [node for node in classes if ESTIMATOR.method in map(_name, node.body)]
+    nodes: list[ast.Module | ast.ClassDef] = [tree, *named, *able]
+    return next(filter(None, map(ast.get_docstring, nodes)), "")
+
+
+def _name(node: ast.stmt) -> str:
+    return node.name if isinstance(node, ast.FunctionDef) else ""
 
 
 def _plain(text: str) -> str:

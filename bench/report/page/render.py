@@ -2,7 +2,8 @@
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,12 +14,7 @@ from olne_bench.bench.judge.scene import NoSceneError, Scenes, TrueScene
 from olne_bench.bench.report.board import verdict
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.formats import NotDrawnError
-from olne_bench.bench.report.page.boards import (
-    all_numbers,
-    board,
-    changes_of,
-    details_of,
-)
+from olne_bench.bench.report.page.boards import all_numbers, board, changes_of, details_of
 from olne_bench.bench.report.page.cards import card_of
 from olne_bench.bench.report.page.scenes import scene_data
 from olne_bench.bench.report.page.template import csv_texts, lead_of, study_page
@@ -37,23 +33,11 @@ _LEAD = (
 )
 _SPOILT = "The harness itself failed in these trials, which do not count as attempts:"
 
+#: SVG elements by scenario and kind; those of all scenarios have the scenario "".
+Pictures = Mapping[str, Mapping[str, str]]
 #: A run's name, trials and provenance.
 Run = tuple[str, pd.DataFrame, Sequence[Provenance]]
 _TRIAL = ["scenario", "sensor", "sigma", "seed"]
-
-
-@dataclass(frozen=True)
-class Extras:
-    """Optional parts of a page."""
-
-    title: str = ""  # by default the suite's name
-    playable: tuple[Place, ...] = ()  # sequences that must be playable
-    changes: pd.DataFrame | None = None  # from ``compare_runs``, for a page of two runs
-    #: SVG elements by scenario and kind, from ``report.figures``.
-    pictures: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
-
-
-PLAIN = Extras()
 
 
 @dataclass(frozen=True)
@@ -70,20 +54,25 @@ def render_page(
     runs: Sequence[Provenance],
     study: Study = USUAL,
     notes: Sequence[str] = (),
-    extras: Extras = PLAIN,
+    *,
+    title: str = "",
+    playable: Sequence[Place] = (),
+    changes: pd.DataFrame | None = None,
+    pictures: Pictures = MappingProxyType({}),
 ) -> Page:
-    """The page of trials and their tables, with notes on what else could not be shown.
+    """The page of trials and their tables, by default with the suite's name as its ``title``.
 
-    The latest run is the last one.
+    The last run is the latest. ``notes`` say what else is not shown; ``playable`` sequences can be
+    played; ``changes`` are those of ``compare_runs``; ``pictures`` are SVG elements.
     """
     parts, table = parts_of(trials), tables.leaderboard
     labels = style.estimator_order(table["estimator"].tolist())
-    scenes, lost = _scenes(parts, study, extras)
+    data, lost = _data(parts, study, playable, pictures)
     metrics = in_leaderboard(study.metrics, table)
     suite = json.loads(runs[-1].suite) if runs else {}
     wrong = in_words(tables.harness_errors)
     html = study_page(
-        title=extras.title or parts.outline.suite,
+        title=title or parts.outline.suite,
         lead=lead_of(suite.get("description", ""), _LEAD),
         facts=_facts(tables, parts, runs),
         sections=[("scene", "Scene"), ("board", "Score"), ("figures", "Figures")],
@@ -92,14 +81,14 @@ def render_page(
         scenarios=parts.outline.scenarios,
         board=board(tables, study),
         remarks=said_of_standing(table),
-        pictures=[Markup(p) for p in extras.pictures.get("", {}).values()],
-        more=[*changes_of(extras.changes), ("All numbers", all_numbers(tables, metrics, study))],
-        drawn=bool(extras.pictures),
+        pictures=[Markup(p) for p in pictures.get("", {}).values()],
+        more=[*changes_of(changes), ("All numbers", all_numbers(tables, metrics, study))],
+        drawn=bool(pictures),
         details=details_of(tables),
         cards=[card_of(study.estimators[name]) for name in labels if name in study.estimators],
         missing=list(dict.fromkeys([*([_SPOILT] if wrong else []), *wrong, *notes, *lost])),
         runs=list(runs),
-        data=_data(parts, study, scenes, extras)
+        data=data
         | {"tables": csv_texts(tables.by_name())}
         | {"estimators": [{"name": n, "colours": style.estimator_colours(n)} for n in labels]},
     )
@@ -120,27 +109,21 @@ def _facts(tables: RunTables, parts: Parts, runs: Sequence[Provenance]) -> list[
     return facts
 
 
-def _scenes(
-    parts: Parts, study: Study, extras: Extras
-) -> tuple[list[dict[str, Any] | None], list[str]]:
-    """The scenes of all scenarios, as far as they can be played, and why not."""
+def _data(
+    parts: Parts, study: Study, playable: Sequence[Place], pictures: Pictures
+) -> tuple[dict[str, Any], list[str]]:
+    """What the script shows, with the scenes that can be played, and why others cannot."""
     number, lost = len(parts.outline.scenarios), []
 
-    def scene(name: str, own: pd.DataFrame) -> dict[str, Any] | None:
+    def scenario(name: str, own: pd.DataFrame) -> dict[str, Any]:
+        scene = None
         try:
-            return scene_data(own, number=number, study=study, wanted=extras.playable)
+            scene = scene_data(own, number=number, study=study, wanted=playable)
         except NotDrawnError as error:
             lost.append(f"trajectories of {name} on the page: {error}")
-            return None
+        return {"name": name, "scene": scene, "pictures": dict(pictures.get(name, {}))}
 
-    return of_each(parts, scene), lost
-
-
-def _data(
-    parts: Parts, study: Study, scenes: Sequence[dict[str, Any] | None], extras: Extras
-) -> dict[str, Any]:
-    """What the script shows."""
-    return {
+    data = {
         "metrics": [
             {"name": m.name, "title": m.title, "prediction": m.needs_prediction}
             for m in parts.outline.metrics(study.metrics)
@@ -148,20 +131,17 @@ def _data(
         ],
         "sensors": style.sensor_order(parts.outline.cells["sensor"].tolist()),
         "players": PLAYER_COLOURS,
-        "scenarios": [
-            {"name": name, "scene": scene, "pictures": dict(extras.pictures.get(name, {}))}
-            for name, scene in zip(parts.outline.scenarios, scenes, strict=True)
-        ],
+        "scenarios": of_each(parts, scenario),
     }
+    return data, lost
 
 
 def two_runs_page(
     first: Run, second: Run, names: Mapping[str, str], changes: pd.DataFrame, study: Study
 ) -> str:
-    """The page of two runs as HTML, with the second run's estimators renamed.
+    """The page of two runs as HTML, as of a run in which the second's estimators are renamed.
 
-    It shows one estimator in two runs as the page of a run shows two estimators. ``names`` are the
-    labels of these in the first run, and in the second. Both may be the same run.
+    ``names`` are the labels of estimators in the first run, and in the second.
     """
     (name, old, sources), (other, new, others) = first, second
     renamed = {label: after_name(label, names) for label in names.values()}
@@ -175,8 +155,8 @@ def two_runs_page(
     whole = replace(study, estimators={**study.estimators, **later})
     tables = tabulate(weighed(trials), whole)
     notes = [f"only the trials that both {name} and {other} have are on this page", *tables.notes]
-    extras = Extras(title=f"{name} and {other}", changes=changes)
-    return render_page(trials, tables, [*sources, *others], whole, notes, extras).html
+    title, runs = f"{name} and {other}", [*sources, *others]
+    return render_page(trials, tables, runs, whole, notes, title=title, changes=changes).html
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,7 @@
 """Scenes as a page's script plays them: truth, observations, and what the estimates predict."""
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -10,9 +10,6 @@ from olne_bench.bench.report.page.tables import decimals, rounded
 from olne_bench.bench.report.scenes import Place, Scene, estimated_weights, scene_of, sequences
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.study import USUAL, Study, in_table
-
-if TYPE_CHECKING:
-    from olne_bench.envs.roads.road_shapes import LaneShape
 
 #: Predictions on a whole page, about, and sequences of a scenario.
 _MOST_PREDICTIONS, _MOST_SEQUENCES, _FEWEST_SEQUENCES = 300, 8, 2
@@ -23,16 +20,9 @@ _LANE_PLACES = 2
 def scene_data(
     trials: pd.DataFrame, *, number: int = 1, study: Study = USUAL, wanted: Sequence[Place] = ()
 ) -> dict[str, Any]:
-    """The draws and the sequences of one scenario that can be played.
+    """The draws and the sequences of one scenario that can be played, those ``wanted`` among them.
 
-    Args:
-        trials: trials of one scenario.
-        number: number of scenarios that share the page.
-        study: study of the run.
-        wanted: sequences that must be among them, if the scenario has them.
-
-    Raises:
-        NotDrawnError: if the scenario's truth is not stored, or cannot be read.
+    ``number`` scenarios share the page. NotDrawnError if the truth is not stored or readable.
     """
     attempts = attempts_of(trials)
     paths = number * max(1, attempts.groupby(["estimator", "sensor"]).ngroups)
@@ -50,9 +40,9 @@ def scene_data(
         "weights": list(first.truth.weight_names),
         "draws": {str(draw): _draw(scene) for draw, scene in scenes.items()},
         "samples": [
-            _sample(scenes[draws[place[1]]], attempts, place, metrics)
-            | {"draw": str(draws[place[1]])}
-            for place in places
+            _sample(scenes[draws[seed]], attempts, (sigma, seed), metrics)
+            | {"draw": str(draws[seed])}
+            for sigma, seed in places
         ],
     }
 
@@ -62,7 +52,10 @@ def _draw(scene: Scene) -> dict[str, Any]:
     return {
         "axes": scene.axis_names,
         "limits": scene.limits,
-        "lanes": [_lane(shape) for shape in scene.lanes],
+        "lanes": [
+            {"edges": [decimals(edge, _LANE_PLACES) for edge in shape.edges], "marks": shape.marks}
+            for shape in scene.lanes
+        ],
         "truth": _paths(scene, scene.truth.states),
         "weights": decimals(weights / weights.sum(axis=1, keepdims=True), _PLACES),
     }
@@ -93,11 +86,6 @@ def _prediction(scene: Scene, trial: dict[Any, Any], metrics: Sequence[str]) -> 
         "paths": None if states is None else _paths(scene, states),
         "weights": None if weights is None else decimals(weights, _PLACES),
     }
-
-
-def _lane(shape: "LaneShape") -> dict[str, Any]:
-    edges = [decimals(edge, _LANE_PLACES) for edge in shape.edges]
-    return {"edges": edges, "marks": shape.marks}
 
 
 def _paths(scene: Scene, states: np.ndarray) -> list[list[list[float]]]:

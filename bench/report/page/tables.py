@@ -48,8 +48,6 @@ class Table:
     @property
     def numeric(self) -> list[bool]:
         """Which columns hold numbers."""
-        if not self.rows:
-            return [False] * len(self.heads)
         return [any(cells[k].numeric for _, cells in self.rows) for k in range(len(self.heads))]
 
 
@@ -68,10 +66,7 @@ def table_of(
     filtered: bool = False,
     quiet: Callable[[Row], bool] = lambda _: False,
 ) -> Table:
-    """A table with a row for each row of a frame; a column that it lacks is left out.
-
-    ``quiet`` rows are references, not contenders.
-    """
+    """A table of a frame's rows, without columns that it lacks; ``quiet`` rows do not contend."""
     shown = {h: c for h, c in columns.items() if not isinstance(c, str) or c in frame}
     rows = []
     for row in frame.to_dict("records"):
@@ -108,10 +103,7 @@ def share(column: str) -> Callable[[Row], Cell]:
 def ends(
     column: str, factor: float = 1.0, *, of: str = "", names: tuple[str, str] = _ENDS
 ) -> Callable[[Row], Cell]:
-    """A number, times a factor, with its interval if it has one, whose columns ``{of}_{name}`` are.
-
-    ``of`` is the column by default.
-    """
+    """A number times a factor, with its interval, if the columns ``{of}_{name}`` have one."""
 
     def cell(row: Row) -> Cell:
         text = _with_ends(row, column, lambda v: human(factor * v), of or column, names)

@@ -1,5 +1,7 @@
 """Errors of attempts, failures included; those of the harness are no attempts, and apart."""
 
+from collections.abc import Callable
+
 import numpy as np
 import pandas as pd
 
@@ -26,16 +28,16 @@ def _only(trials: pd.DataFrame, chosen: pd.Series) -> pd.DataFrame:
     return trials if chosen.all() else trials[chosen]
 
 
-def families(trials: pd.DataFrame, study: Study = USUAL) -> pd.Series:
-    """Which rows belong to a family."""
-    return trials["scenario"].map({s: study.is_family(s) for s in trials["scenario"].unique()})
+def which(labels: pd.Series, holds: Callable[[str], bool]) -> pd.Series:
+    """Of which labels something holds, asked once for each label."""
+    return labels.map({label: holds(label) for label in labels.unique()}).astype(bool)
 
 
 def weighed(trials: pd.DataFrame) -> pd.DataFrame:
     """Trials in which the ``count`` of rows without noise fits the trials that were run.
 
-    As stored, such a row stands for all noise draws of its suite. It counts as often as there are
-    draws of the same scenario, sensor and estimator at other levels, and at least once.
+    Such a row counts as often as there are draws of the same scenario, sensor and estimator at
+    other levels, and at least once.
     """
     shared = trials["count"] > 1
     draws = trials.loc[~shared, [*_PLACE, "seed"]].groupby(_PLACE)["seed"].nunique()
@@ -47,7 +49,7 @@ def weighed(trials: pd.DataFrame) -> pd.DataFrame:
 
 def noisy(attempts: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     """Attempts that are random: those with noise, and those of a family's draws."""
-    drawn = families(attempts, study).astype(bool)
+    drawn = which(attempts["scenario"], study.is_family)
     return _only(attempts, (attempts["count"] == 1) & ((attempts["sigma"] > 0) | drawn))
 
 
@@ -64,7 +66,7 @@ def measured(trials: pd.DataFrame, metric: MetricDeclaration, study: Study = USU
         return told  # failures have a value, which is infinite
     valid = trials["status"].isin(_valid(metric))
     if metric.needs_prediction:
-        draw = trials["seed"].where(families(trials, study).astype(bool), -1)
+        draw = trials["seed"].where(which(trials["scenario"], study.is_family), -1)
         told = told.groupby([trials["scenario"], draw]).transform("any")
         return told | ~valid
     who = [trials[name] for name in _PLACE]

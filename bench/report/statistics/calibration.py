@@ -24,17 +24,14 @@ _COLUMNS = ["scenario", "sensor", "estimator", "sigma", "trials", "p_uniform"]
 
 
 def calibration_table(trials: pd.DataFrame) -> pd.DataFrame:
-    """How often regions and intervals of several levels hold the truth.
+    """How often regions and intervals of several levels hold the truth, where there are any.
 
-    One row per scenario, sensor, estimator and noise level with any region: the number of
-    ``trials``, the share ``covered_50`` and so on with its 95 % interval ``_low, _high``, and
-    ``p_uniform``, the probability of levels as uneven as these if all were calibrated (Kolmogorov
-    and Smirnov). ``weights_50`` and so on, with intervals, are shares of single weights in their
-    central intervals; ``p_weights`` is the smallest probability of levels as uneven as those of a
-    weight, adjusted after Holm; ``p_tarp`` is that of TARP. ``width`` is the median width of the
-    regions, as a standard deviation of weights. They are empty where a region tells nothing about
-    them. Estimates that failed claim nothing. Trials of one seed in a fixed scenario differ by
-    their noise.
+    Columns: ``scenario, sensor, estimator, sigma, trials``; ``p_uniform``, the chance of levels as
+    uneven as these if all were calibrated (Kolmogorov and Smirnov); the share ``covered_50`` and so
+    on, with its 95 % interval ``_low, _high``; ``weights_50`` and so on, the same of single weights
+    in central intervals; ``p_weights``, the smallest chance of a weight's levels, adjusted after
+    Holm; ``p_tarp``, that of TARP; ``width``, the regions' median, as a standard deviation of
+    weights. Those after ``covered`` are left out where no region tells them.
     """
     if LEVEL not in trials:
         return pd.DataFrame(columns=_COLUMNS)
@@ -47,12 +44,11 @@ def calibration_table(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def width_table(trials: pd.DataFrame) -> pd.DataFrame:
-    """How often 95 % regions hold the truth, and how wide they are.
+    """How often 95 % regions hold the truth, and how wide they are, if they have a width.
 
-    One row per scenario, sensor, estimator and noise level with regions that have a width: the
-    number of ``trials``, the share ``covered`` with its exact 95 % interval ``covered_low,
-    covered_high`` (Clopper and Pearson; a cell has one trial per seed, so they are independent),
-    and the median ``width``, as a standard deviation of weights.
+    Columns: ``scenario, sensor, estimator, sigma, trials``; the share ``covered``, and its exact
+    95 % interval ``covered_low, covered_high`` (Clopper and Pearson: one trial per seed, so they
+    are independent); the median ``width``, as a standard deviation of weights.
     """
     place = _COLUMNS[:4]
     if LEVEL not in trials or WIDTH not in trials:
@@ -68,10 +64,7 @@ def width_table(trials: pd.DataFrame) -> pd.DataFrame:
 
 
 def weight_levels_of(group: pd.DataFrame) -> np.ndarray:
-    """The levels (R, N, K) of all weights in trials that tell them.
-
-    Draws may have different numbers of players: levels of those that a trial lacks are NaN.
-    """
+    """The levels (R, N, K) of weights in trials that tell them; NaN of players a trial lacks."""
     if WEIGHTS not in group or not group[WEIGHTS].notna().any():
         return np.empty((0, 0, 0))
     column = group[WEIGHTS].dropna()
@@ -105,8 +98,7 @@ def _of_cell(group: pd.DataFrame) -> dict[str, float]:
 
 def _share(name: str, nominal: float, inside: np.ndarray, units: np.ndarray) -> dict[str, float]:
     share = share_interval(inside.astype(float), units)
-    name = f"{name}_{100 * nominal:.0f}"
-    return {name: share.estimate, f"{name}_low": share.low, f"{name}_high": share.high}
+    return share.columns(f"{name}_{100 * nominal:.0f}")
 
 
 def _uneven(levels: np.ndarray) -> float:

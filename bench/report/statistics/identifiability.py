@@ -1,8 +1,7 @@
 """Which weights a scenario identifies, and how close estimators come to the limit.
 
-A fixed scenario has one truth. In a family each seed has its own truth; here its first draw stands
-for it, and only the trials of that draw count. If a scenario has several trajectories, all of them
-count.
+A fixed scenario has one truth. In a family each seed has its own; at the reference noise its first
+draw stands for it, and only the trials of that draw count. All trajectories of a scenario count.
 """
 
 from collections.abc import Iterator
@@ -14,89 +13,121 @@ import pyarrow as pa
 from olne_bench.bench.judge.metrics.formulas import identifiable_cosine_error
 from olne_bench.bench.judge.scene import NoSceneError, TrueScene
 from olne_bench.bench.report.leaderboard import LIMIT_SIGMA
+from olne_bench.bench.report.parts import joined
 from olne_bench.bench.report.statistics.attempts import attempts_of
 from olne_bench.bench.report.study import USUAL, Study
 from olne_bench.games.model.identifiability import Identifiability
 
 #: Noise level [m] at which weights are classified as identified or not.
 REFERENCE_SIGMA = LIMIT_SIGMA
+#: Draws of a family that count at the noise of the trials, from the first on.
+MOST_DRAWS = 10
 _GROUP = ["scenario", "sensor"]
+_WEIGHT = [*_GROUP, "player", "weight"]
+_KEY = [*_GROUP, "sigma", "player", "weight"]
 
 
 def identifiability_table(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
-    """One row per scenario, sensor, player and weight, or unknown parameter.
+    """A row per scenario, sensor, player and weight or unknown parameter, if its truth is stored.
 
-    Returns:
-        Columns ``scenario, sensor, player`` (from 1), ``weight, truth``, ``bound`` (Cramer-Rao, as
-        a standard deviation at ``REFERENCE_SIGMA``), ``left`` (share of the prior variance that is
-        left given the data) and ``identified``. A parameter is named with its unit, in which truth
-        and bound are given, and is compared with its own prior. Scenarios whose truth is
-        not stored have no rows.
+    Columns: these, with players from 1; ``truth``; ``bound`` (Cramer-Rao, as a standard deviation
+    at ``REFERENCE_SIGMA``), both in the parameter's unit; ``left`` (share of the prior variance
+    that is left given the data); ``identified``.
     """
-    return _table(
-        ["truth", "bound", "left", "identified"],
-        [
-            labels | {"player": i + 1, "weight": weight} | cell
-            for labels, truth, known in _known_truths(trials, study)
-            for (i, weight), cell in cells(truth, known)
-        ],
-    )
+    parts = [
+        quantities(truth, known).assign(**labels)
+        for labels, truth, known in _known_truths(trials, study)
+    ]
+    columns = [*_WEIGHT, "truth", "bound", "left", "identified"]
+    return joined([pd.DataFrame(columns=columns), *parts])[columns]
 
 
 def bound_ratios(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     """How far from the Cramer-Rao bound each estimator is, by weight and unknown parameter.
 
-    Returns:
-        Columns ``scenario, sensor, player, weight, estimator, ratio, identified``: the root mean
-        squared error of a weight over its bound, for noise above 0 and up to ``REFERENCE_SIGMA``;
-        1 is the best that an unbiased estimator can reach; a failure makes it infinite. If a weight
-        is not ``identified``, the bound exceeds any possible error and the ratio means nothing.
+    Columns: ``scenario, sensor, player, weight, estimator``; ``ratio``, the root mean squared error
+    over the bound for noise up to ``REFERENCE_SIGMA``, at best 1, infinite with a failure;
+    ``identified``: else the bound exceeds any possible error, and the ratio means nothing.
     """
-    attempts, rows = attempts_of(trials), []
+    attempts, parts = attempts_of(trials), []
     for labels, truth, known in _known_truths(trials, study):
         chosen = _rows_of(attempts, labels, study)
         chosen = chosen[chosen["sigma"].between(0, REFERENCE_SIGMA, inclusive="right")]
+        cells = quantities(truth, known)
         for estimator, group in chosen.groupby("estimator", sort=True):
-            ratios = _ratios(group, truth, known)
-            rows += [
-                labels
-                | {"player": i + 1, "weight": weight, "estimator": estimator}
-                | {"ratio": ratios[i, k], "identified": known.identified[i, k]}
-                for i in range(len(ratios))
-                for k, weight in enumerate(truth.weight_names)
-            ]
-            rows += [
-                labels | cell | {"estimator": estimator}
-                for cell in _parameter_ratios(group, truth, known)
-            ]
-    return _table(["estimator", "ratio", "identified"], rows)
+            found = [_ratios(group, "weights", truth.weights, 1.0, known.bound)]
+            own = truth.parameters, truth.deviations, known.parameter_bound
+            found.append(_ratios(group, "unknowns", *own))
+            ratios = np.hstack(found)[_meant(truth)]
+            rows = cells.assign(**labels, estimator=estimator, ratio=ratios)
+            told = ~cells["unknown"] | ("unknowns" in group)
+            parts.append(rows[told].sort_values("unknown", kind="stable"))
+    columns = [*_WEIGHT, "estimator", "ratio", "identified"]
+    return joined([pd.DataFrame(columns=columns), *parts])[columns]
+
+
+def identifiability_by_noise(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
+    """What the data tell about each weight or unknown parameter at the noise of the trials.
+
+    Columns: ``scenario, sensor, sigma`` [m], above 0, ``player`` (from 1), ``weight``; ``draws``
+    that count: those whose truth is stored, in a family up to ``MOST_DRAWS``, as weights show in
+    some draws only; the median ``bound`` at this noise, infinite where none exists; the mean share
+    ``left`` of the prior variance; the share of draws in which it is ``identified``.
+    """
+    parts = []
+    for (scenario, sensor), group in attempts_of(trials).groupby(_GROUP, sort=True):
+        labels = {"scenario": str(scenario), "sensor": str(sensor)}
+        levels = np.unique(group["sigma"].to_numpy(float))
+        seeds = np.unique(group["seed"].to_numpy(int))
+        for seed in seeds[: MOST_DRAWS if study.is_family(str(scenario)) else 1]:
+            try:
+                truth = study.scenes.truth(str(scenario), int(seed), str(sensor))
+            except NoSceneError:
+                continue
+            for sigma in levels[levels > 0]:
+                cells = quantities(truth, truth.identified_at(float(sigma)))
+                parts.append(cells.assign(**labels, sigma=sigma))
+    if not parts:
+        return pd.DataFrame(columns=[*_KEY, "draws", "bound", "left", "identified"])
+    return (
+        pd.concat(parts)
+        .groupby(_KEY, sort=False)
+        .agg(
+            draws=("left", "size"),
+            bound=("bound", "median"),
+            left=("left", "mean"),
+            identified=("identified", "mean"),
+        )
+        .reset_index()
+    )
 
 
 def identifiable_errors(trials: pd.DataFrame, study: Study = USUAL) -> np.ndarray:
-    """``bench.judge.metrics.formulas.identifiable_cosine_error`` of each row.
-
-    It is infinite for failures, and NaN if it is unknown what can be identified.
-    """
+    """``identifiable_cosine_error`` of each row: infinite for failures, NaN where it is unknown."""
     errors = np.full(len(trials), np.nan)
     places = pd.Series(np.arange(len(trials)), trials.index)
     for labels, truth, known in _known_truths(trials, study):
         rows = _rows_of(trials, labels, study)
         errors[places[rows.index]] = np.inf
         rows = rows[_weights_are_there(rows)]
-        shape = truth.weights.shape
-        found = identifiable_cosine_error(truth.weights, weights_of(rows, shape), known.projections)
+        found = weights_of(rows, truth.weights.shape)
+        found = identifiable_cosine_error(truth.weights, found, known.projections)
         errors[places[rows.index]] = found
     return errors
 
 
+def unknown_truths(trials: pd.DataFrame, study: Study = USUAL) -> list[str]:
+    """Which scenarios and sensors have no truth here, and why."""
+    return [
+        f"what can be known of {scenario}, {sensor}: {found}"
+        for scenario, sensor, found in _truths(trials, study)
+        if isinstance(found, NoSceneError)
+    ]
+
+
 def weights_of(rows: pd.DataFrame, shape: tuple[int, ...]) -> np.ndarray:
     """Weights (R, N, K) of R rows, all of which have them."""
-    return nested_numbers(rows["weights"], shape)
-
-
-def nested_numbers(column: pd.Series, shape: tuple[int, ...]) -> np.ndarray:
-    """Numbers (R, ...) of a column of nested lists, all of which are there."""
-    return flat_numbers(column)[0].reshape(-1, *shape)
+    return flat_numbers(rows["weights"])[0].reshape(-1, *shape)
 
 
 def flat_numbers(column: pd.Series) -> tuple[np.ndarray, np.ndarray]:
@@ -111,13 +142,50 @@ def flat_numbers(column: pd.Series) -> tuple[np.ndarray, np.ndarray]:
     return np.array(numbers, dtype=float), np.array([len(value) for value in column], dtype=int)
 
 
-def unknown_truths(trials: pd.DataFrame, study: Study = USUAL) -> list[str]:
-    """Which scenarios and sensors have no rows in the tables of this module, and why."""
-    return [
-        f"what can be known of {scenario}, {sensor}: {found}"
-        for scenario, sensor, found in _truths(trials, study)
-        if isinstance(found, NoSceneError)
-    ]
+def quantities(truth: TrueScene, known: Identifiability) -> pd.DataFrame:
+    """What is known of each player's weights, and then of its unknown parameters.
+
+    Columns: ``player`` (from 1), ``weight`` (a name, of a parameter with its unit), ``unknown``
+    (whether it is a parameter), ``truth, bound, left, identified``.
+    """
+    meant = _meant(truth)
+    players, columns = np.nonzero(meant)
+    units = [[f"{one.name} [{one.unit}]" for one in own] for own in truth.unknowns]
+    values = {
+        "truth": (truth.weights, truth.parameters),
+        "bound": (known.bound, known.parameter_bound * truth.deviations),
+        "left": (known.left, known.parameter_left),
+        "identified": (known.identified, known.parameters_identified),
+    }
+    return pd.DataFrame(
+        {
+            "player": players + 1,
+            "weight": [name for own in units for name in (*truth.weight_names, *own)],
+            "unknown": columns >= len(truth.weight_names),
+            **{name: np.hstack(both)[meant] for name, both in values.items()},
+        }
+    )
+
+
+def _meant(truth: TrueScene) -> np.ndarray:
+    """(N, K + U) which columns of weights and parameters stand for something."""
+    return np.hstack([np.ones(truth.weights.shape, bool), truth.used])
+
+
+def _ratios(
+    group: pd.DataFrame,
+    column: str,
+    truths: np.ndarray,
+    units: np.ndarray | float,
+    bound: np.ndarray,
+) -> np.ndarray:
+    """Root mean squared errors (N, K) of estimates over their bound; infinite if one is missing."""
+    told = truths.size and column in group
+    if not told or not (_weights_are_there(group) & group[column].notna()).all():
+        return np.full(truths.shape, np.inf)
+    errors = (flat_numbers(group[column])[0].reshape(-1, *truths.shape) - truths) / units
+    sigma = group["sigma"].to_numpy()[:, None, None] / REFERENCE_SIGMA
+    return np.asarray(np.sqrt(((errors / (sigma * bound)) ** 2).mean(axis=0)))
 
 
 def _known_truths(
@@ -158,76 +226,6 @@ def _first_seed(trials: pd.DataFrame, scenario: str) -> int:
     return int(seeds.min()) if len(seeds) else -1  # which no trial has
 
 
-def _weights_are_there(rows: pd.DataFrame) -> np.ndarray:
+def _weights_are_there(rows: pd.DataFrame) -> pd.Series:
     """Which rows have an estimate, with or without a prediction."""
-    valid = rows["status"].isin(["ok", "failed_forward"])
-    return (valid & rows["weights"].notna()).to_numpy(bool)
-
-
-def cells(
-    truth: TrueScene, known: Identifiability
-) -> Iterator[tuple[tuple[int, str], dict[str, float | bool]]]:
-    """Player (from 0) and name of each weight and unknown parameter, and what is known of it."""
-    for i, weights in enumerate(truth.weights):
-        for k, weight in enumerate(truth.weight_names):
-            yield (
-                (i, weight),
-                {
-                    "truth": float(weights[k]),
-                    "bound": float(known.bound[i, k]),
-                    "left": float(known.left[i, k]),
-                    "identified": bool(known.identified[i, k]),
-                },
-            )
-        yield from _parameter_cells(i, truth, known)
-
-
-def _parameter_cells(
-    i: int, truth: TrueScene, known: Identifiability
-) -> Iterator[tuple[tuple[int, str], dict[str, float | bool]]]:
-    for k, unknown in enumerate(truth.unknowns[i]):
-        yield (
-            (i, f"{unknown.name} [{unknown.unit}]"),
-            {
-                "truth": float(truth.parameters[i, k]),
-                "bound": float(known.parameter_bound[i, k] * unknown.deviation),
-                "left": float(known.parameter_left[i, k]),
-                "identified": bool(known.parameters_identified[i, k]),
-            },
-        )
-
-
-def _ratios(group: pd.DataFrame, truth: TrueScene, known: Identifiability) -> np.ndarray:
-    shape = truth.weights.shape
-    if not _weights_are_there(group).all():
-        return np.full(shape, np.inf)
-    errors = weights_of(group, shape) - truth.weights
-    relative = errors / (group["sigma"].to_numpy()[:, None, None] / REFERENCE_SIGMA * known.bound)
-    return np.asarray(np.sqrt((relative**2).mean(axis=0)))
-
-
-def _parameter_ratios(
-    group: pd.DataFrame, truth: TrueScene, known: Identifiability
-) -> Iterator[dict[str, object]]:
-    """Cells of ``bound_ratios`` for the unknown parameters; none if rows do not hold them."""
-    if not truth.used.any() or "unknowns" not in group:
-        return
-    if _weights_are_there(group).all() and group["unknowns"].notna().all():
-        found = nested_numbers(group["unknowns"], truth.parameters.shape)
-        errors = (found - truth.parameters) / truth.deviations
-        sigma = group["sigma"].to_numpy()[:, None, None] / REFERENCE_SIGMA
-        ratios = np.sqrt(((errors / (sigma * known.parameter_bound)) ** 2).mean(axis=0))
-    else:
-        ratios = np.full(truth.parameters.shape, np.inf)
-    for i, own in enumerate(truth.unknowns):
-        for k, unknown in enumerate(own):
-            yield {
-                "player": i + 1,
-                "weight": f"{unknown.name} [{unknown.unit}]",
-                "ratio": ratios[i, k],
-                "identified": known.parameters_identified[i, k],
-            }
-
-
-def _table(columns: list[str], rows: list[dict[str, object]]) -> pd.DataFrame:
-    return pd.DataFrame(rows, columns=[*_GROUP, "player", "weight", *columns])
+    return rows["status"].isin(["ok", "failed_forward"]) & rows["weights"].notna()

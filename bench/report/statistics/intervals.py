@@ -24,27 +24,29 @@ class Interval:
     """An estimate with its confidence interval; NaN where there are too few data."""
 
     estimate: float
-    low: float
-    high: float
+    low: float = np.nan
+    high: float = np.nan
+
+    def columns(self, name: str, middle: str = "") -> dict[str, float]:
+        """Columns ``{name}``, or ``{name}_{middle}``, and ``{name}_low`` and ``{name}_high``."""
+        estimate = f"{name}_{middle}" if middle else name
+        return {estimate: self.estimate, f"{name}_low": self.low, f"{name}_high": self.high}
 
 
 def mean_by_seed(values: np.ndarray, seeds: np.ndarray, count: np.ndarray) -> Interval:
-    """Mean of errors with a studentised bootstrap interval that resamples seeds.
+    """Mean of errors (R,) with a studentised bootstrap interval that resamples seeds.
 
-    Errors are skewed, which this method accounts for (Efron and Tibshirani 1993, ch. 12). A seed's
-    trials at all noise levels are kept together: they share one draw in a family of scenarios.
-
-    ``values`` (R,) are errors, at least 0, of which an infinite one makes the mean infinite and
-    leaves no interval. A row stands for ``count`` (R,) trials: more than one means one of each
-    seed.
+    This accounts for skewed errors (Efron and Tibshirani 1993, ch. 12), at least 0. A seed's trials
+    are kept together, as they may share one draw. A row stands for ``count`` (R,) trials: more than
+    one means one of each seed. No interval if the mean is infinite.
     """
     if not len(values):
-        return Interval(np.nan, np.nan, np.nan)
+        return Interval(np.nan)
     sums, sizes = _by_seed(values, seeds, count)
     number = len(sums)
     estimate = float(sums.sum() / sizes.sum())
     if number < LEAST_SEEDS_OF_MEANS or not np.isfinite(estimate):
-        return Interval(estimate, np.nan, np.nan)
+        return Interval(estimate)
     error = float(_standard_error(sums, sizes))
     rng = np.random.default_rng(0)
     deviations, errors = np.empty(_RESAMPLES), np.empty(_RESAMPLES)
@@ -66,34 +68,32 @@ def mean_by_seed(values: np.ndarray, seeds: np.ndarray, count: np.ndarray) -> In
 def median_interval(values: np.ndarray) -> Interval:
     """Median of independent values, between two that enclose it with at least ``CONFIDENCE``.
 
-    The number of values below the true median is binomial, whatever their spread, also where there
-    are few. Infinite values rank last.
+    The number of values below the true median is binomial. Infinite values rank last.
     """
     ordered, number = np.sort(values), len(values)
     if not number:
-        return Interval(np.nan, np.nan, np.nan)
+        return Interval(np.nan)
     low, high = ordered[(number - 1) // 2], ordered[number // 2]
     middle = float(low if low == high else (low + high) / 2)
     if number < LEAST_VALUES_OF_MEDIANS:
-        return Interval(middle, np.nan, np.nan)
+        return Interval(middle)
     outside = int((bdtr(np.arange(number), number, 0.5) <= (1 - CONFIDENCE) / 2).sum())
     return Interval(middle, float(ordered[outside - 1]), float(ordered[number - outside]))
 
 
 def share_interval(values: np.ndarray, units: np.ndarray) -> Interval:
-    """Share with Wilson's interval at the effective number of trials.
+    """Share of values (R,) from 0 to 1, with Wilson's interval at the effective number of trials.
 
-    This is the number of independent trials that would have the variance seen between units (Korn
-    and Graubard 1998). It is at least one per unit, and at most the number of trials. As few units
-    give an uncertain variance, one unit whose trials are all alike is added to them. Values (R,)
-    are between 0 and 1, one per trial; trials of the same unit depend on each other.
+    That many independent trials would have the variance seen between ``units`` (R,) (Korn and
+    Graubard 1998): at least one per unit, at most R. As few units give an uncertain variance, one
+    unit whose trials are all alike is added to them.
     """
     if not len(values):
-        return Interval(np.nan, np.nan, np.nan)
+        return Interval(np.nan)
     sums, sizes = _by_seed(values, units, np.ones(len(values), int))
     share, number = float(values.mean()), len(sums)
     if number < LEAST_SEEDS_OF_SHARES:
-        return Interval(share, np.nan, np.nan)
+        return Interval(share)
     binomial = share * (1 - share)
     seen = float(_standard_error(sums, sizes)) ** 2
     variance = ((number - 1) * seen + binomial / number) / number

@@ -1,7 +1,6 @@
 """Trials in pairs, of two estimators or two runs: which error on the same observation is smaller.
 
-Errors within a thousandth of each other are a tie. A failure loses to any error, and two failures
-are a tie.
+Errors within a thousandth of each other tie, as do two failures. A failure loses to any error.
 """
 
 from collections.abc import Iterator, Mapping
@@ -12,13 +11,7 @@ import pandas as pd
 from scipy.special import bdtr, gammaln
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
-from olne_bench.bench.report.statistics.attempts import (
-    attempts_of,
-    errors_of,
-    measured,
-    median,
-    noisy,
-)
+from olne_bench.bench.report.statistics import attempts
 from olne_bench.bench.report.statistics.intervals import share_interval
 from olne_bench.bench.report.study import FAILURES, USUAL, Study, compared, in_table
 
@@ -38,7 +31,7 @@ def paired_errors(
 ) -> pd.DataFrame:
     """Errors ``a`` and ``b`` of two tables of attempts for the trials that both have."""
     named = (("a", first), ("b", second))
-    tables = [t[_PAIR].assign(**{name: errors_of(t, metric)}) for name, t in named]
+    tables = [t[_PAIR].assign(**{name: attempts.errors_of(t, metric)}) for name, t in named]
     return tables[0].merge(tables[1], on=_PAIR)
 
 
@@ -50,14 +43,8 @@ def compare_pairs(pairs: pd.DataFrame, family: bool) -> dict[str, float]:
     advantage = paired_advantages(pairs)
     units = pd.factorize(pairs["seed"])[0] if family else np.arange(len(pairs))
     wins = share_interval((1 + advantage) / 2, units)
-    return {
-        "pairs": len(pairs),
-        "units": len(np.unique(units)),
-        "wins": wins.estimate,
-        "wins_low": wins.low,
-        "wins_high": wins.high,
-        "p": permutation_p(np.bincount(units, advantage).astype(int)),
-    }
+    p = permutation_p(np.bincount(units, advantage).astype(int))
+    return {"pairs": len(pairs), "units": len(np.unique(units)), **wins.columns("wins"), "p": p}
 
 
 def paired_advantages(pairs: pd.DataFrame) -> np.ndarray:
@@ -69,10 +56,7 @@ def paired_advantages(pairs: pd.DataFrame) -> np.ndarray:
 
 
 def permutation_p(advantages: np.ndarray) -> float:
-    """Exact two-sided p-value of a sum of whole numbers with either sign with equal chance.
-
-    It is the share of all sign patterns whose sum is at least as far from zero; 1 if all are ties.
-    """
+    """Exact two-sided p-value of a sum of whole numbers with either sign with equal chance."""
     sizes, numbers = np.unique(np.abs(advantages[advantages != 0]), return_counts=True)
     if not len(sizes):
         return 1.0
@@ -121,24 +105,17 @@ def compare_runs(
 ) -> pd.DataFrame:
     """Compare estimators of two runs in every scenario and sensor that both have.
 
-    Trials without noise are not random and do not count, unless they are of a family's draws.
-
-    ``names`` are labels in ``before`` and in ``after``, which may be the same run. Columns:
-    ``error`` (a metric that is compared, or ``failures``), ``scenario, sensor, estimator, other,
-    pairs``, the medians ``before`` and ``after`` over the pairs (of failures, their shares),
-    ``ratio`` (geometric mean of error after over error before where neither failed), ``better``
-    (share of pairs that improved, a tie counting half) with ``better_low`` and ``better_high``
-    (95 %), ``p``, ``p_holm`` and ``verdict``: ``better`` or ``worse`` if significant, else
-    ``same``.
+    ``names`` are labels in ``before`` and in ``after``, which may be the same run. Trials without
+    noise count only if they are of a family's draws. Columns: ``error`` (a compared metric, or
+    ``failures``), ``scenario, sensor, estimator, other, pairs``; medians ``before, after`` over the
+    pairs, or shares of failures; ``ratio``, the geometric mean of error after over before where
+    neither failed; ``better``, the share of pairs that improved, a tie counting half, with
+    ``better_low, better_high`` (95 %); ``p, p_holm``; ``verdict``: better, worse or same.
     """
     columns = ["error", *_GROUP, "estimator", "other", "pairs", "before", "after", "ratio"]
     columns += ["better", "better_low", "better_high", "p"]
     metrics = in_table(in_table(compared(study.metrics), before), after)
-    rows = [
-        row
-        for metric in (*metrics, FAILURES)
-        for row in _changes((before, after), names, metric, study)
-    ]
+    rows = [r for m in (*metrics, FAILURES) for r in _changes((before, after), names, m, study)]
     table = pd.DataFrame(rows, columns=columns)
     table["p_holm"] = holm(table["p"].to_numpy(float))
     told = table["p_holm"] < SIGNIFICANCE
@@ -154,22 +131,20 @@ def _changes(
     study: Study,
 ) -> Iterator[dict[str, object]]:
     """Changes of the estimators by one metric, a row per estimator, scenario and sensor."""
-    before, after = (noisy(attempts_of(trials), study) for trials in runs)
-    before, after = (t[measured(t, metric, study)] for t in (before, after))
-    middle = np.mean if metric == FAILURES else median
+    before, after = (attempts.noisy(attempts.attempts_of(trials), study) for trials in runs)
+    before, after = (t[attempts.measured(t, metric, study)] for t in (before, after))
+    middle = np.mean if metric == FAILURES else attempts.median
     for old, new in names.items():
         first, second = before[before["estimator"] == old], after[after["estimator"] == new]
         pairs = paired_errors(second, first, metric)
         for (scenario, sensor), group in pairs.groupby(_GROUP, sort=True):
             labels = {"error": metric.name, "scenario": scenario, "sensor": sensor}
             labels |= {"estimator": old, "other": new}
-            middles = {
-                "before": float(middle(group["b"].to_numpy())),
-                "after": float(middle(group["a"].to_numpy())),
-            }
+            last, now = (float(middle(group[name].to_numpy())) for name in ("b", "a"))
             found = compare_pairs(group, study.is_family(str(scenario)))
             better = {name.replace("wins", "better"): value for name, value in found.items()}
-            yield labels | middles | better | {"ratio": _ratio(group, metric)}
+            ratio = _ratio(group, metric)
+            yield labels | better | {"before": last, "after": now, "ratio": ratio}
 
 
 def _ratio(pairs: pd.DataFrame, metric: MetricDeclaration) -> float:

@@ -2,16 +2,14 @@
 
 Given the data, the truth lies around any estimate as its posterior says, or farther away. Near the
 truth the posterior is normal, with the precision of the data's Fisher information and the prior's.
-So a squared distance of estimate and truth is at least as large as that of the posterior's mean, a
-weighted sum of squared normal numbers, as many as there are free weights. This holds whatever an
-honest estimator does: it may shrink, know the prior, or use several trajectories. Two distances
-count, in the precision of the posterior and of plain weights, as a known truth may have noise in
-the directions that show. Both are judged twice: row by row, and for all rows of one scenario,
-sensor and noise level together, as noise on a known truth makes no single row improbable.
+So a squared distance of estimate and truth is at least that of the posterior's mean, a weighted sum
+of squared normal numbers, one for each free weight, whatever an honest estimator does. Two count,
+in the precision of the posterior and of plain weights, as a known truth may have noise in the
+directions that show; each row by row, and for all rows of a scenario, sensor and noise level.
 
-Estimators of this package, whose code is known, and scenarios and sensors that are plugins, which
-may tell any truth, are judged by the columns of a row alone. Without noise and
-on published weights, an exact estimate is no wonder, and nothing is judged.
+Estimators of this package, whose code is known, and plugged-in scenarios and sensors, which may
+tell any truth, are judged by a row's columns alone. Without noise and on published weights, an
+exact estimate is no wonder, and nothing is judged.
 """
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -25,6 +23,7 @@ from scipy.optimize import brentq
 
 from olne_bench.bench.judge.scene import NoSceneError, TrueScene
 from olne_bench.bench.plan.trial import foreign_worlds
+from olne_bench.bench.report.statistics.attempts import which
 from olne_bench.bench.report.statistics.identifiability import weights_of
 from olne_bench.bench.report.study import Study
 from olne_bench.games.model.simplex import simplex_tangent, theta_tangent
@@ -53,40 +52,24 @@ _LEVEL_KEY = ["estimator", "sigma"]
 
 @dataclass(frozen=True)
 class Distances:
-    """Squared distances of an estimate from the truth.
+    """Squared distances of an estimate from the truth."""
 
-    Attributes:
-        whitened: distance in the precision of the posterior. At least as much as the number of free
-            weights is expected.
-        plain: distance of weights, to which those that show least contribute most, as to the cosine
-            error. At least the sum of ``scales`` is expected.
-        scales: variances of the posterior in its principal directions, one for each free weight.
-    """
-
-    whitened: float
-    plain: float
-    scales: np.ndarray
+    whitened: float  # in the precision of the posterior; the number of free weights is expected
+    plain: float  # of weights, mostly of those that show least; the sum of ``scales`` is expected
+    scales: np.ndarray  # variances of the posterior in its principal directions
 
 
 def implausible(trials: pd.DataFrame, study: Study) -> np.ndarray:
-    """Which rows are implausible, (rows,) bool.
-
-    Args:
-        trials: rows as in ``trials.parquet``, of any scenarios.
-        study: study of the run, which knows scenarios and estimators by their labels.
-    """
+    """Which rows of ``trials.parquet`` are implausible, (rows,) bool."""
     marked = np.zeros(len(trials), bool)
-    names = trials["scenario"].unique()
-    drawn = trials["scenario"].map({name: study.has_drawn_truths(name) for name in names})
-    judged = (trials["sigma"] > 0) & drawn.astype(bool)
+    judged = (trials["sigma"] > 0) & which(trials["scenario"], study.has_drawn_truths)
     judged &= trials["status"].isin(["ok", "failed_forward"])
     places = np.flatnonzero(judged.to_numpy(bool))
     rows = trials.iloc[places]
     marked[places] = _exact(rows)
     if "weights" not in trials:
         return marked
-    foreign = rows["estimator"].map({e: study.is_foreign(e) for e in rows["estimator"].unique()})
-    told = foreign.astype(bool).to_numpy() & rows["weights"].notna().to_numpy()
+    told = (which(rows["estimator"], study.is_foreign) & rows["weights"].notna()).to_numpy(bool)
     places, rows = places[told], rows[told]
     for (scenario, sensor), numbers in places_of(rows, _CELL).items():
         found = _too_near(rows.iloc[numbers], str(scenario), str(sensor), study)
@@ -141,11 +124,9 @@ def _is_too_small(distances: Sequence[Distances]) -> bool:
 
 
 def chance(square: float, scales: np.ndarray) -> float:
-    """Chernoff's bound of the chance that a sum of squared normal numbers is so small.
+    """Chernoff's bound of the chance that a sum ``square`` of squared normal numbers is so small.
 
-    Args:
-        square: the sum.
-        scales: variances of the numbers.
+    ``scales`` are the numbers' variances.
     """
     if square >= scales.sum():
         return 1.0
@@ -164,19 +145,13 @@ def distances_of(
 ) -> list[Distances | None]:
     """How far each estimate is from the truth; None for a draw that is not looked at.
 
-    Args:
-        rows: rows with weights and noise, of one scenario and sensor.
-        scenario: label of the scenario.
-        sensor: label of the sensor.
-        study: study of the run.
+    Rows are of one scenario and sensor; they have weights, and noise.
     """
     found: list[Distances | None] = [None] * len(rows)
     known = _truths(_chosen_seeds(rows), scenario, sensor, study)
     prior = _prior_precision([truth.weights for truth in known.values()])
-    if not np.isfinite(prior):
-        return found
     for (seed, sigma), numbers in places_of(rows, ["seed", "sigma"]).items():
-        if seed in known:
+        if seed in known and np.isfinite(prior):
             own = _distances(rows.iloc[numbers], known[seed], float(sigma), prior)
             for k, one in zip(numbers, own, strict=True):
                 found[k] = one
@@ -195,9 +170,8 @@ def _truths(
     seeds: Iterable[int], scenario: str, sensor: str, study: Study
 ) -> Mapping[int, TrueScene]:
     """The truths of draws by seed, as far as they are known and no foreign code told them."""
-    if sensor not in study.sensors or foreign_worlds(
-        study.scenario(scenario), study.sensors[sensor]
-    ):
+    seen = study.sensors.get(sensor)
+    if seen is None or foreign_worlds(study.scenario(scenario), seen):
         return {}
     found = {}
     for seed in seeds:
@@ -207,9 +181,9 @@ def _truths(
 
 
 def _prior_precision(weights: Sequence[np.ndarray]) -> float:
-    """Precision of one direction of the simplex before any data; infinite if it is not known.
+    """Precision of a direction of the simplex before any data, at least that of a uniform prior.
 
-    It is that of the truths themselves, and at least that of a uniform distribution.
+    It is that of the truths themselves; infinite if it is not known.
     """
     rows = np.concatenate(weights) if weights else np.zeros((0, 0))
     spread = ((rows - rows.mean(axis=0)) ** 2).sum() if len(rows) else 0.0

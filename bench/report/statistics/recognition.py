@@ -23,6 +23,7 @@ from olne_bench.plugins import SCENARIO, is_built_in
 NOBODY = "none"
 
 _CELL = ["scenario", "sensor", "sigma", "estimator"]
+_OF_TRUE = [*_CELL, "temperament"]
 _LABELS = ["scenario", "sensor", "estimator"]
 _SUMMARY = ["drivers", "failures", *(f"cosine_error_{kind}" for kind in ("median", "q25", "q75"))]
 _SUMMARY += ["recognised", "recognised_low", "recognised_high"]
@@ -34,9 +35,8 @@ _DRIVER = [*_CELL, "seed", "temperament", "recognised", "cosine_error"]
 def drivers(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     """Every driver of every attempt in scenarios whose drivers have temperaments.
 
-    Columns: ``scenario, sensor, sigma, estimator, seed, temperament, recognised`` (a temperament,
-    or ``NOBODY``) and ``cosine_error`` of the driver's weights, infinite for failures. Names are
-    categories.
+    Columns: ``scenario, sensor, sigma, estimator, seed, temperament, recognised`` (or ``NOBODY``)
+    and ``cosine_error`` of the driver's weights, infinite for failures. Names are categories.
     """
     labels = [label for label in trials["scenario"].unique() if is_tempered(label, study)]
     attempts = attempts_of(trials[trials["scenario"].isin(labels)])
@@ -58,44 +58,40 @@ def is_tempered(label: str, study: Study) -> bool:
 
 
 def temperament_table(found: pd.DataFrame) -> pd.DataFrame:
-    """Results of ``drivers`` by temperament.
+    """Results of ``drivers`` by scenario, sensor, noise level, estimator and true temperament.
 
-    One row per scenario, sensor, noise level, estimator and true ``temperament``, and one per
-    scenario, sensor and estimator over all levels (``sigma`` NaN): ``drivers``, ``failures``,
-    median and quartiles of the cosine error of their weights (failures at infinity), and the share
+    Columns: these, ``sigma`` being NaN for all levels together; ``drivers``, ``failures``; median
+    and quartiles of the cosine error of their weights (failures at infinity); the share
     ``recognised`` with its 95 % interval over draws.
     """
-    whole = found.assign(sigma=np.nan)
     rows = [
-        dict(zip([*_CELL, "temperament"], key, strict=True)) | _summary(group)
-        for part in (whole, found)
-        for key, group in part.groupby([*_CELL, "temperament"], dropna=False, observed=True)
+        (*key, *_summary(group))
+        for part in (found.assign(sigma=np.nan), found)
+        for key, group in part.groupby(_OF_TRUE, dropna=False, observed=True)
     ]
-    return pd.DataFrame(rows, columns=[*_CELL, "temperament", *_SUMMARY])
+    return pd.DataFrame(rows, columns=[*_OF_TRUE, *_SUMMARY])
 
 
 def confusion_table(found: pd.DataFrame) -> pd.DataFrame:
     """Who of ``drivers`` is mistaken for whom.
 
-    One row per scenario, sensor, noise level, estimator, true ``temperament`` and temperament
-    ``recognised`` (``NOBODY`` for failures) that occurs: ``drivers``, and their ``share`` of the
-    drivers of that temperament.
+    Columns: ``scenario, sensor, sigma, estimator``, the true ``temperament`` and the one that is
+    ``recognised``, as far as they occur; ``drivers``, and their ``share`` of that temperament's.
     """
-    key = [*_CELL, "temperament"]
-    counts = found.groupby([*key, "recognised"], observed=True).size().rename("drivers")
+    counts = found.groupby([*_OF_TRUE, "recognised"], observed=True).size().rename("drivers")
     table = counts.reset_index().astype(dict.fromkeys([*_LABELS, "temperament", "recognised"], str))
-    table["share"] = table["drivers"] / table.groupby(key)["drivers"].transform("sum")
+    table["share"] = table["drivers"] / table.groupby(_OF_TRUE)["drivers"].transform("sum")
     return table
 
 
-def _summary(group: pd.DataFrame) -> dict[str, float | int]:
+def _summary(group: pd.DataFrame) -> tuple[float | int, ...]:
+    """The values of the columns ``_SUMMARY``."""
     errors, once = group["cosine_error"].to_numpy(float), np.ones(len(group), int)
     right = (group["recognised"] == group["temperament"]).to_numpy(float)
     share = share_interval(right, group["seed"].to_numpy())
     quantiles = [quantile(errors, once, part) for part in (0.5, 0.25, 0.75)]
     failures = int(group["recognised"].eq(NOBODY).sum())
-    values = (len(group), failures, *quantiles, share.estimate, share.low, share.high)
-    return dict(zip(_SUMMARY, values, strict=True))
+    return len(group), failures, *quantiles, share.estimate, share.low, share.high
 
 
 def _drivers_of_draw(rows: pd.DataFrame, truth: TrueScene) -> pd.DataFrame:

@@ -8,18 +8,19 @@ draws: in a family a draw is a seed with all its noise levels and sensors, in a 
 noise with all sensors.
 """
 
-from collections.abc import Iterator, Sequence
-from itertools import combinations
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
+from olne_bench.bench.report.parts import joined
 from olne_bench.bench.report.statistics.attempts import (
     FLOOR,
     attempts_of,
     errors_of,
-    families,
     measured,
+    which,
 )
 from olne_bench.bench.report.statistics.pairs import SIGNIFICANCE, holm
 from olne_bench.bench.report.study import USUAL, Study, in_table, primary, scored
@@ -47,19 +48,18 @@ _LABELS = ["error", *_CELL, "estimator"]
 _SLICES: tuple[list[str], ...] = ([], ["sigma"], ["scenario"], _CELL)
 _SCORES = ["ranked", "scenarios", "draws", "trials", "failures", "median"]
 _SCORES += ["score", "score_low", "score_high"]
-_PAIR = ["draws", "ratio", "ratio_low", "ratio_high", "p"]
+_PAIR = ["draws", "ratio", "ratio_low", "ratio_high", "p", "p_holm"]
 
 
 def log_errors(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     """Logarithms of the errors that count, of estimators that may rank and floors.
 
-    Columns: ``error, scenario, sensor, sigma, draw, estimator``, ``log`` (of the error, or of what
-    counts in place of a failure), ``failed`` and ``ranked``: whether the estimator ranks in this
-    scenario and sensor.
+    Columns: ``error, scenario, sensor, sigma, draw, estimator``; ``log`` of the error, or of what
+    counts in place of a failure; ``failed``; ``ranked``, in this scenario and sensor.
     """
     noisy = attempts_of(trials[trials["sigma"] > 0])
     metrics = in_table(scored(study.metrics), trials) if len(noisy) else []
-    level = noisy["sigma"].where(~families(noisy, study).astype(bool), 0.0)
+    level = noisy["sigma"].where(~which(noisy["scenario"], study.is_family), 0.0)
     draw = noisy["seed"].astype(str) + ":" + level.map("{:g}".format).astype(str)
     floors = [name for name in noisy["estimator"].unique() if study.is_floor(name)]
     parts = []
@@ -110,44 +110,43 @@ def references(logs: pd.DataFrame, study: Study = USUAL) -> dict[str, str]:
 def score_table(logs: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     """The score of each estimator, by each error, from ``log_errors`` of all scenarios.
 
-    Columns: ``error, scenario, sensor, sigma, estimator`` (of rows over all scenarios or sensors
-    ``all``, over all noise levels NaN), ``reference``, ``ranked``, the numbers of ``scenarios``,
-    ``draws``, ``trials`` and ``failures`` that count, the ``median`` error of these trials, in
-    which failures are infinite, and ``score`` with ``score_low`` and ``score_high``, a 95 %
-    bootstrap interval.
+    Columns: ``error, scenario, sensor, sigma, estimator`` (scenario and sensor may be ``all``;
+    sigma is NaN for all levels); ``reference``; ``ranked``; the numbers of ``scenarios, draws,
+    trials`` and ``failures`` that count; the ``median`` error of these trials, failures being
+    infinite; ``score, score_low, score_high``, with the ends of a 95 % bootstrap interval.
     """
-    rows: list[dict[str, object]] = []
+    columns = ["error", *_CELL, "sigma", "estimator", "reference", *_SCORES]
+    parts = [pd.DataFrame(columns=columns)]
     for error, reference in references(logs, study).items():
         ratios = _ratios(logs[logs["error"] == error], reference)
         common = _common(ratios)
         for keys in _SLICES:
             rows_of = ratios if "scenario" in keys else common
             for place, part in rows_of.groupby(keys) if keys else [((), rows_of)]:
-                labels = {"error": error, "scenario": ALL, "sensor": ALL, "sigma": np.nan}
+                labels: dict[str, Any] = {"error": error, "sigma": np.nan}
+                labels |= {"scenario": ALL, "sensor": ALL}
                 labels |= dict(zip(keys, place, strict=True)) | {"reference": reference}
-                rows += [labels | one for one in _scores(part)]
-    columns = ["error", *_CELL, "sigma", "estimator", "reference", *_SCORES]
-    return pd.DataFrame(rows, columns=columns)
+                parts.append(_scores(part).assign(**labels))
+    return joined(parts)[columns]
 
 
 def pair_table(logs: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     """Ranked estimators in pairs, over all scenarios and in each, by each error of ``log_errors``.
 
-    Columns: ``error, scenario, estimator, other``, ``draws`` that both have, ``ratio`` (the
-    geometric mean of the first's errors over the other's) with ``ratio_low`` and ``ratio_high``
-    (95 %), ``p`` of a permutation test and ``p_holm``, adjusted after Holm for all pairs of an
-    error in the same scenarios.
+    Columns: these; ``draws`` that both have; ``ratio`` (geometric mean of the first's errors over
+    the other's), ``ratio_low, ratio_high`` (95 %); ``p`` of a permutation test; ``p_holm``,
+    adjusted after Holm for all pairs of an error in the same scenarios.
     """
-    rows: list[dict[str, object]] = []
+    columns = ["error", "scenario", "estimator", "other", *_PAIR]
+    parts = [pd.DataFrame(columns=columns)]
     for error, reference in references(logs, study).items():
         ratios = _ratios(logs[logs["error"] == error], reference)
         ratios = ratios[ratios["ranked"]]
         for scenario, part in [(ALL, _common(ratios)), *ratios.groupby("scenario")]:
-            found = list(_pairs(part))
-            adjusted = holm(np.array([one["p"] for one in found], dtype=float))
-            labels = {"error": error, "scenario": scenario}
-            rows += [labels | one | {"p_holm": p} for one, p in zip(found, adjusted, strict=True)]
-    return pd.DataFrame(rows, columns=["error", "scenario", "estimator", "other", *_PAIR, "p_holm"])
+            pairs = _pairs(part)
+            adjusted = holm(pairs["p"].to_numpy(float))
+            parts.append(pairs.assign(error=error, scenario=scenario, p_holm=adjusted))
+    return joined(parts)[columns]
 
 
 def _ratios(logs: pd.DataFrame, reference: str) -> pd.DataFrame:
@@ -180,24 +179,23 @@ class _Draws:
 
     def __init__(self, trials: pd.Index, values: np.ndarray) -> None:
         """Sum values (T, C) of trials with the levels ``_TRIAL``; NaN where there is none."""
-        scenarios, draws = (trials.get_level_values(name) for name in ("scenario", "draw"))
-        strata, labels = pd.factorize(scenarios)
-        codes, units = pd.factorize(strata + len(labels) * pd.factorize(draws)[0])
-        known, number = np.isfinite(values), len(units)
-        self.sums = _by_code(codes, np.where(known, values, 0.0), number)
-        self.sizes = _by_code(codes, known.astype(float), number)
-        self.strata = units % len(labels)
-
-    @property
-    def draws(self) -> np.ndarray:
-        """(C,) numbers of draws that have a value."""
-        return np.asarray((self.sizes > 0).sum(axis=0))
-
-    @property
-    def means(self) -> np.ndarray:
-        """(C,) means over trials."""
+        places = trials.to_frame(index=False)
+        codes = places.groupby(["scenario", "draw"], sort=False).ngroup().to_numpy()
+        units, first = np.unique(codes, return_index=True)
+        self.strata = pd.factorize(places["scenario"])[0][first]
+        known, shape = np.isfinite(values), (len(units), values.shape[1])
+        self.sums, self.sizes = np.zeros(shape, order="F"), np.zeros(shape, order="F")
+        np.add.at(self.sums, codes, np.where(known, values, 0.0))
+        np.add.at(self.sizes, codes, known)
+        self.draws = (self.sizes > 0).sum(axis=0)  # (C,) that have a value
         with np.errstate(invalid="ignore"):
-            return np.asarray(self.sums.sum(axis=0) / self.sizes.sum(axis=0))
+            self.means = self.sums.sum(axis=0) / self.sizes.sum(axis=0)  # (C,) over trials
+
+    def ratios(self, name: str) -> dict[str, np.ndarray]:
+        """Columns ``draws``, and of this name: geometric means of values' exponentials, ends."""
+        low, high = np.exp(self.interval())
+        middle = np.exp(self.means)
+        return {"draws": self.draws, name: middle, f"{name}_low": low, f"{name}_high": high}
 
     def interval(self) -> np.ndarray:
         """(2, C) ends of 95 % bootstrap intervals of the means; NaN for few draws."""
@@ -225,11 +223,6 @@ class _Draws:
         return np.where(self.draws >= FEWEST_DRAWS, (1 + as_far) / (1 + _SIGN_CHANGES), 1.0)
 
 
-def _by_code(codes: np.ndarray, values: np.ndarray, number: int) -> np.ndarray:
-    columns = [np.bincount(codes, own, minlength=number) for own in values.T]
-    return np.array(columns).T.reshape(number, values.shape[1])
-
-
 def _wide(ratios: pd.DataFrame) -> pd.DataFrame:
     """Ratios as a table of trials and estimators."""
     place = [*_TRIAL, "estimator"]
@@ -237,40 +230,31 @@ def _wide(ratios: pd.DataFrame) -> pd.DataFrame:
     return known.unstack()  # noqa: PD010  pivot_table takes several times as long
 
 
-def _scores(ratios: pd.DataFrame) -> Iterator[dict[str, object]]:
+def _scores(ratios: pd.DataFrame) -> pd.DataFrame:
     """Scores of one slice, without its labels."""
-    wide = _wide(ratios)
-    told = _Draws(wide.index, wide.to_numpy(float))
-    scores, (low, high) = np.exp(told.means), np.exp(told.interval())
-    by_name = ratios.groupby("estimator")
-    failures, ranked = by_name["failed"].sum(), by_name["ranked"].all()
-    scenarios = by_name["scenario"].nunique()
     errors = np.exp(ratios["log"]).where(~ratios["failed"], np.inf)
     medians = errors.groupby(ratios["estimator"]).apply(np.median)
-    for k, name in enumerate(wide.columns):
-        numbers = int(told.draws[k]), int(told.sizes[:, k].sum()), int(failures[name])
-        values = bool(ranked[name]), int(scenarios[name]), *numbers, float(medians[name])
-        ends = scores[k], low[k], high[k]
-        yield {"estimator": name} | dict(zip(_SCORES, (*values, *ends), strict=True))
+    kinds = {"ranked": "all", "scenario": "nunique", "failed": "sum"}
+    counts = ratios.groupby("estimator").agg(kinds).assign(median=medians)
+    counts = counts.rename(columns={"scenario": "scenarios", "failed": "failures"})
+    wide = _wide(ratios)
+    told = _Draws(wide.index, wide.to_numpy(float))
+    trials = told.sizes.sum(axis=0).astype(int)
+    return counts.assign(trials=trials, **told.ratios("score")).reset_index()
 
 
-def _pairs(ratios: pd.DataFrame) -> Iterator[dict[str, object]]:
+def _pairs(ratios: pd.DataFrame) -> pd.DataFrame:
     """Comparisons of the estimators of one slice, without its labels."""
     wide = _wide(ratios)
-    pairs = list(combinations(range(wide.shape[1]), 2))
-    if not pairs:
-        return
-    values, (first, second) = wide.to_numpy(float), np.array(pairs).T
+    first, second = np.triu_indices(wide.shape[1], 1)
+    values = wide.to_numpy(float)
     differences = values[:, first] - values[:, second]
     # Solvers that end at the same optimum differ by rounding.
     differences[np.abs(differences) < _NEGLIGIBLE] = 0.0
     told = _Draws(wide.index, differences)
-    ratio, (low, high), chance = np.exp(told.means), np.exp(told.interval()), told.p()
-    for k, (a, b) in enumerate(pairs):
-        if told.draws[k]:
-            names = {"estimator": wide.columns[a], "other": wide.columns[b]}
-            values_of_pair = int(told.draws[k]), ratio[k], low[k], high[k], chance[k]
-            yield names | dict(zip(_PAIR, values_of_pair, strict=True))
+    names = {"estimator": wide.columns[first], "other": wide.columns[second]}
+    found = pd.DataFrame(names | told.ratios("ratio") | {"p": told.p()})
+    return found[found["draws"] > 0]
 
 
 def board_rows(scores: pd.DataFrame, study: Study = USUAL) -> dict[str, pd.DataFrame]:
@@ -287,7 +271,7 @@ def board_rows(scores: pd.DataFrame, study: Study = USUAL) -> dict[str, pd.DataF
 
 def in_order(rows: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     """Rows with ``estimator, ranked, score`` in the order of a board, and ``floor, unranked``."""
-    floor = rows["estimator"].map(study.is_floor).astype(bool)
+    floor = which(rows["estimator"], study.is_floor)
     found = rows.assign(floor=floor, unranked=~rows["ranked"].eq(True))
     return found.sort_values(["floor", "unranked", "score"], kind="stable")
 

@@ -6,7 +6,7 @@ import pytest
 from olne_bench.bench.report.figures import over_noise, style
 from olne_bench.bench.report.figures.over_noise import draw_identifiability
 from olne_bench.bench.report.formats import NotDrawnError
-from olne_bench.bench.report.statistics.noise_identifiability import identifiability_by_noise
+from olne_bench.bench.report.statistics.identifiability import identifiability_by_noise
 
 
 def errors(trials, study):

@@ -11,7 +11,7 @@ from playwright.sync_api import Page as Tab
 from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.bench.plan.select import Selection
 from olne_bench.bench.report.figures import draw_figures
-from olne_bench.bench.report.page.render import Extras, render_page
+from olne_bench.bench.report.page.render import render_page
 from olne_bench.bench.report.study import Study
 from olne_bench.bench.report.tables import tabulate
 from olne_bench.bench.run.provenance import Provenance
@@ -77,8 +77,7 @@ def page(small_study: pd.DataFrame, usual: Study, tmp_path_factory: pytest.TempP
     path = tmp_path_factory.mktemp("page") / "index.html"
     tables = tabulate(small_study, usual)
     pictures, _ = draw_figures(small_study, tables, path.parent / "figures", ("png",), usual)
-    extras = Extras(pictures=pictures)
-    html = render_page(small_study, tables, [provenance()], usual, extras=extras).html
+    html = render_page(small_study, tables, [provenance()], usual, pictures=pictures).html
     path.write_text(html, encoding="utf-8")
     return path
 

@@ -2,12 +2,10 @@ import numpy as np
 import pandas as pd
 
 from olne_bench.bench.report.statistics.identifiability import (
-    REFERENCE_SIGMA,
-    identifiability_table,
-)
-from olne_bench.bench.report.statistics.noise_identifiability import (
     MOST_DRAWS,
+    REFERENCE_SIGMA,
     identifiability_by_noise,
+    identifiability_table,
 )
 
 SIGMAS = (0.0, REFERENCE_SIGMA, 0.1, 0.5)
