@@ -104,20 +104,20 @@ def guess_states(game: Game, view: View, y: np.ndarray) -> np.ndarray:
     Observed components are used unchanged; gaps are interpolated, and extrapolated before the first
     and after the last sample. An unobserved heading points to the next position, after smoothing,
     as noise on positions would turn it. An unobserved speed is the displacement along the heading
-    per time step, divided by dt; other unobserved components are zero.
+    per time step, divided by dt; other unobserved components are zero, and these of one sample.
     """
     names = game.dynamics.state_names
     observed = view.read_off(y, game.dynamics)
     states = np.zeros((*y.shape[:2], len(names)))
     for name, samples in observed.items():
         states[..., names.index(name)] = _fill_gaps(samples)
-    hidden_heading = "heading" in names and "heading" not in observed
+    hidden_heading = "heading" in names and "heading" not in observed and len(y) > 1
     positions = smoothed(states[..., :2], _HEADING_PASSES if hidden_heading else 0)
     steps = np.diff(positions, axis=0) / game.dt
     if hidden_heading:
         heading = np.unwrap(np.arctan2(steps[..., 1], steps[..., 0]), axis=0)
         states[..., names.index("heading")] = np.concatenate([heading, heading[-1:]])
-    if "speed" in names and "speed" not in observed:
+    if "speed" in names and "speed" not in observed and len(y) > 1:
         heading = states[:-1, :, names.index("heading")]
         speed = steps[..., 0] * np.cos(heading) + steps[..., 1] * np.sin(heading)
         states[..., names.index("speed")] = np.concatenate([speed, speed[-1:]])

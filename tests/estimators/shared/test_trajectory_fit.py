@@ -67,6 +67,9 @@ def test_hidden_speeds_are_read_off_the_way_even_in_reverse() -> None:
     game, states = straight(np.array([2.0, -1.0]), np.array([0.5, 2.0]))
     y = observe(VIEWS["partial"], game.dynamics, states)
     np.testing.assert_allclose(guess_states(game, VIEWS["partial"], y), states, atol=1e-9)
+    first = guess_states(game, VIEWS["partial"], y[:1])  # nothing tells a speed
+    np.testing.assert_array_equal(first[..., :2], states[:1, :, :2])
+    np.testing.assert_array_equal(first[..., 3], 0.0)
 
 
 def test_gaps_are_filled_along_the_line_also_at_the_ends() -> None:
