@@ -176,7 +176,7 @@ def test_turn_based_form_plays_the_same_equilibrium():
     [("two_player", {}, 0), ("highway_overtaking", {}, 0), ("random", {"num_players": 3}, 1)],
 )
 def test_no_small_unilateral_deviation_pays(name, options, seed):
-    """1,000 random changes of one player's actions, through the public API alone."""
+    """Random changes of one player's actions, through the public API alone."""
     world = olne_v0.parallel_env(name, **options)
     _, infos = world.reset(seed=seed)
     olne = played_actions(world, infos)
@@ -184,8 +184,8 @@ def test_no_small_unilateral_deviation_pays(name, options, seed):
     world.reset(seed=seed)
     olne_returns, _ = play(world, olne)
     rng = np.random.default_rng(7)
-    gains = np.empty(1000)
-    for trial in range(1000):
+    gains = np.empty(300)
+    for trial in range(len(gains)):
         player = trial % len(olne_returns)
         size = 10 ** rng.uniform(-5, -1.5)
         changed = olne.copy()

@@ -1,12 +1,9 @@
 """The sensors of this package: their layers, and what they refuse."""
 
-import importlib
-import pkgutil
-
 import numpy as np
 import pytest
 
-from olne_bench.envs import olne_v0, sensors
+from olne_bench.envs import olne_v0
 from olne_bench.envs.sensors.correlated import Correlated
 from olne_bench.envs.sensors.drop import Drop
 from olne_bench.envs.sensors.full import Full
@@ -44,13 +41,6 @@ def test_layers_are_plain_data():
     assert Correlated(covariance=[[1, 0], [0, 2]]).layers() == (
         CovarianceNoise(((1.0, 0.0), (0.0, 2.0))),
     )
-
-
-def test_every_file_holds_the_sensor_of_its_name():
-    for module in pkgutil.iter_modules(sensors.__path__):
-        found = importlib.import_module(f"{sensors.__name__}.{module.name}")
-        names = [one.name for one in vars(found).values() if hasattr(one, "layers")]
-        assert names == [module.name]
 
 
 @pytest.mark.parametrize(

@@ -233,37 +233,6 @@ def test_particles_that_explain_nothing_are_the_end():
         last_cloud(prior, expected, np.array([[3.0]]), 0.001, count=100, most_draws=2)
 
 
-def test_what_is_said_at_a_time_does_not_depend_on_later_samples():
-    """Given the belief before the first measurement."""
-    rng, prior = np.random.default_rng(5), Gaussian(np.zeros(3), np.eye(3))
-    matrices = rng.standard_normal((6, 2, 3))
-
-    def expected(points):
-        straight = np.einsum("tdn,bn->btd", matrices, points)
-        return straight + 0.1 * straight**2
-
-    samples = rng.standard_normal((6, 2))
-    changed = np.where(np.arange(6)[:, None] < 4, samples, rng.standard_normal((6, 2)))
-    before, after = (
-        list(
-            filter_particles(
-                prior,
-                Mapped(expected),
-                some,
-                0.3,
-                count=100,
-                most_draws=4,
-                rng=np.random.default_rng(0),
-            )
-        )
-        for some in (samples, changed)
-    )
-    for one, other in zip(before[:4], after[:4], strict=True):
-        np.testing.assert_array_equal(one.points, other.points)
-        np.testing.assert_array_equal(one.shares, other.shares)
-    assert not np.array_equal(before[4].shares, after[4].shares)
-
-
 @pytest.mark.parametrize("view", ["full", "partial"])
 def test_small_games(seen, view):
     problem, (observation,), weights = seen(1, sigma=0.01, view=view)

@@ -153,32 +153,3 @@ def test_the_covariance_matters():
     untold = estimate(KktConstrained(), replace(problem, noise_covariance=None), observation)
     truth = RECORDING.scenario.weights
     assert np.abs(told.weights - truth).mean() < np.abs(untold.weights - truth).mean()
-
-
-@pytest.mark.parametrize(
-    ("rows", "message"),
-    [
-        (((1.0, 0.0), (0.0, 1.0)), "noise_covariance must have 3 rows for the view 'partial', got"),
-        (((1.0, 1.0, 0), (1.0, 1.0, 0), (0, 0, 1.0)), "positive definite.*eigenvalue"),
-        (((1.0, 0.5, 0), (0.0, 1.0, 0), (0, 0, 1.0)), "finite and symmetric"),
-        (((1.0, 0.5),), r"a covariance is a square matrix, got the shape \(1, 2\)"),
-    ],
-)
-def test_a_covariance_that_is_none_is_refused(rows, message):
-    with pytest.raises(ValueError, match=message):
-        Problem(GAME, PARTIAL, noise_covariance=rows)
-
-
-def test_scales_are_those_of_the_covariance():
-    rows = ((4.0, 1.0, 0.0), (1.0, 1.0, 0.0), (0.0, 0.0, 9.0))
-    assert Problem(GAME, PARTIAL, noise_covariance=rows).noise_scale == (2.0, 1.0, 3.0)
-    with pytest.raises(ValueError, match="is not the root of the diagonal"):
-        Problem(GAME, PARTIAL, noise_scale=(1.0, 1.0, 3.0), noise_covariance=rows)
-
-
-def test_starts_bridge_gaps_at_both_ends():
-    time = np.arange(25.0)[:, None, None]
-    states = np.array([[0.0, 1.0, 0.3, 2.0], [5.0, 0.0, -0.1, 1.0]]) + time * [0.5, 0.1, 0.02, 0.0]
-    y = states.copy()
-    y[:3, 0], y[-3:, 1], y[10:14, 0], y[1:, 1, 3] = np.nan, np.nan, np.nan, np.nan
-    np.testing.assert_allclose(guess_states(GAME, FullView(), y), states, atol=1e-9)

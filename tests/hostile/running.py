@@ -7,7 +7,6 @@ import sys
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from textwrap import dedent
 
 import pandas as pd
 import psutil
@@ -96,8 +95,8 @@ def write(folder: Path, group: Sequence[Hostile]) -> list[str]:
         if one.alone:
             home = folder / one.name
             home.mkdir()
-            for name, content in one.beside:
-                (home / name).write_text(dedent(content))
+            for name, content in one.beside.items():
+                (home / name).write_text(content)
             (home / "hostile.py").write_text(HEADER + one.code())
             references.append(f"{home / 'hostile.py'}:{one.name}")
     return references

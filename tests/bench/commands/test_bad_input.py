@@ -186,7 +186,7 @@ def test_a_bad_option_of_run_is_one_line(
     assert {path.name for path in tmp_path.iterdir()} <= {"suite.toml"}
 
 
-@pytest.mark.parametrize("command", ["status", "report", "gate"])
+@pytest.mark.parametrize("command", ["status", "report", "gate", "confirm"])
 @pytest.mark.parametrize("folder", ["", "a\0b", LONG, "absent"])
 def test_a_bad_folder_is_one_line(capsys, tmp_path, monkeypatch, command, folder):
     monkeypatch.chdir(tmp_path)

@@ -19,8 +19,6 @@ from olne_bench.bench.commands.interface import COMMANDS, recordings, studies
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.suite import Suite
 
-PART = ["run", "quick", "--scenario", "two_player", "--sensor", "full", "--no-figures"]
-
 
 def fails(capsys, *arguments):
     with pytest.raises(SystemExit) as caught:
@@ -75,23 +73,12 @@ def test_bad_input_is_one_line_and_leaves_nothing(tmp_path, capsys, arguments, e
     assert not out.exists()
 
 
-def test_report_without_a_run(tmp_path, capsys):
-    assert "no run in" in fails(capsys, "report", tmp_path)
-
-
 def test_a_run_is_not_merged_with_itself(tmp_path, capsys):
     again = tmp_path / "x" / ".."
     (tmp_path / "x").mkdir()
     assert "with itself" in fails(capsys, "merge", tmp_path, again)
     for one, other in (("a", "b"), ("b", "a")):
         assert "no run in" in fails(capsys, "merge", tmp_path / one, tmp_path / other)
-
-
-def test_a_foreign_store_is_not_overwritten(tmp_path, capsys):
-    store = tmp_path / "trials.sqlite"
-    store.write_text("precious")
-    assert "not a store" in fails(capsys, *PART, "--out", tmp_path)
-    assert store.read_text() == "precious"
 
 
 def test_list_names_everything(capsys):
@@ -101,33 +88,6 @@ def test_list_names_everything(capsys):
         assert name in listed
     for name in ("full", "partial", "kkt_constrained", "kkt_residual", "uniform"):
         assert name in listed
-
-
-def test_a_part_has_the_rows_of_the_whole_and_a_rerun_adds_none(tmp_path, capsys):
-    whole, part = tmp_path / "whole", tmp_path / "part"
-    both = [*PART, "--sigma", "0.05", "--sigma", "0.1"]
-    main([*both, "--out", str(whole), "--seeds", "2"])
-    main([*PART, "--out", str(part), "--seeds", "1", "--sigma", "0.05", "--jobs", "1"])
-    capsys.readouterr()
-    main([*both, "--out", str(whole), "--seeds", "2"])
-    assert "16 of 16 trials are done already" in capsys.readouterr().err
-
-    rows = pd.read_parquet(whole / "trials.parquet").drop(columns="solve_seconds")
-    wanted = (rows["sigma"] == 0.05) & (rows["seed"] == 0)
-    chosen = pd.read_parquet(part / "trials.parquet").drop(columns="solve_seconds")
-    pd.testing.assert_frame_equal(rows[wanted].reset_index(drop=True), chosen, check_exact=True)
-
-    for name in ("trials.csv", "trials.parquet", "leaderboard.csv"):
-        assert (whole / name).is_file()
-    assert len(pd.read_csv(whole / "leaderboard.csv")) == 4
-    assert len(pd.read_csv(whole / "trials.csv")) == len(rows)
-
-
-def test_another_suite_is_refused_in_the_same_folder(tmp_path, capsys):
-    select = ["--scenario", "two_player", "--estimator", "uniform", "--sigma", "0.1"]
-    main(["run", "quick", *select, "--seeds", "1", "--no-report", "--out", str(tmp_path)])
-    capsys.readouterr()
-    assert "holds a run of suite 'quick'" in fails(capsys, "run", "paper", "--out", tmp_path)
 
 
 def run_all(monkeypatch, statuses, stop_after=None):
@@ -222,6 +182,7 @@ cosine_error = 1.0
 """
 
 
+@pytest.mark.long
 def test_an_estimator_that_runs_on_some_scenarios_only(tmp_path, capsys):
     suite, run = tmp_path / "limited.toml", tmp_path / "run"
     suite.write_text(LIMITED)

@@ -71,6 +71,7 @@ def board(folder: Path) -> pd.DataFrame:
     return pd.read_csv(folder / "leaderboard.csv").set_index(["scenario", "sensor", "estimator"])
 
 
+@pytest.mark.long
 def test_who_knows_the_truths_is_not_confirmed(cheated):
     run = cheated.folder / "run"
     said = cheated.call("report", run, "--no-figures")
@@ -127,7 +128,3 @@ def test_a_damaged_file_of_confirmations_is_refused(study):
         said = study.call("report", run, "--no-figures", code=2)
         assert f"{FILE_NAME} holds no confirmations" in said
         assert len(said.strip().splitlines()) == 1
-
-
-def test_confirm_needs_a_run(study):
-    assert "no run in" in study.call("confirm", study.folder / "nowhere", code=2)

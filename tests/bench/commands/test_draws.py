@@ -1,5 +1,7 @@
 """``olne-bench draws``, and a run that uses what it wrote."""
 
+import shutil
+
 import pytest
 
 from olne_bench.bench.judge import nearby_starts, truth
@@ -27,14 +29,22 @@ def forget() -> None:
         cached.cache_clear()
 
 
-@pytest.fixture
-def drawn(study):
-    """A study whose draws are solved."""
-    study.suite.write_text(SUITE)
+@pytest.fixture(scope="module")
+def solved(lasting_study):
+    """The draws of the suite, in a file."""
+    lasting_study.suite.write_text(SUITE)
     forget()  # who is refused is noted where it is solved
-    said = study.call("draws", study.suite, "--jobs", 1)
+    said = lasting_study.call("draws", lasting_study.suite, "--jobs", 1)
     assert "random(num_players=2): 2 of 2 draws" in said
     assert f"small.draws: {2 * PER_DRAW} motions" in said
+    return lasting_study.folder / "small.draws"
+
+
+@pytest.fixture
+def drawn(study, solved):
+    """A study whose draws are solved."""
+    study.suite.write_text(SUITE)
+    shutil.copy(solved, study.folder)
     return study
 
 

@@ -48,7 +48,8 @@ def fails(capsys, *arguments):
 
 def test_record_writes_every_draw(tmp_path, capsys):
     out = tmp_path / "random.parquet"
-    run("record", "random", "--seeds", 3, "--option", "num_players=2", "--out", out)
+    options = ("--option", "num_players=3", "--option", "num_players=2")  # the last one counts
+    run("record", "random", "--seeds", 3, *options, "--out", out)
     captured = capsys.readouterr()
     assert "3 of 3 episodes of random" in captured.out
     assert "3/3" in captured.err  # the progress bar
@@ -64,13 +65,6 @@ def test_record_writes_every_draw(tmp_path, capsys):
     for seed, states in enumerate(known.states):
         scenario = get_scenario("random", seed, num_players=2)
         np.testing.assert_array_equal(states[0], scenario.initial_state)
-
-
-def test_a_draw_takes_several_options(tmp_path):
-    out = tmp_path / "car.parquet"
-    options = ("--option", "num_players=3", "--option", "num_players=2")
-    run("record", "random", *options, "--out", out)  # the last one counts
-    assert read_recording(out).metadata.options == {"num_players": 2}
 
 
 def test_a_fixed_scenario_is_recorded_once(tmp_path, capsys):
@@ -206,53 +200,12 @@ def test_a_car_in_reverse_may_head_the_other_way(tmp_path):
     assert (known.states[0][..., 3] == -10).all()
 
 
-def test_rows_may_be_grouped_by_player_and_headings_jump(tmp_path):
-    table = tracks(heading=[3.1, 0.0, -3.1, 0.0, 3.1, 0.0, -3.1, 0.0])
-    table.loc[table["player"] == "car", "x"] *= -1  # it drives to the left
-    known = imported(tmp_path, table.sort_values("player", kind="stable"))
-    headings = known.states[0][:, 0, 2]
-    assert np.abs(np.diff(headings)).max() < 0.1
-
-
-def test_times_rounded_by_a_camera_are_equal_steps(tmp_path):
-    table = tracks(time=np.repeat([0.0, 0.033, 0.067, 0.1], 2))
-    assert imported(tmp_path, table).metadata.dt == pytest.approx(0.1 / 3)
-
-
-def _with(row, column, value):
-    table = tracks().astype({"time": object, "x": object, "player": object})
-    table.loc[row, column] = value
-    return table
-
-
+#: Some; the tests of ``envs/tracks`` have all.
 BAD_TRACKS = {
-    "one column": (tracks().drop(columns="y"), "missing column y; it has: time, player, x"),
-    "columns": (tracks().drop(columns=["x", "y"]), "missing columns x, y; it has"),
-    "column twice": ("time,player,x,y,x\n0,a,0,0,0\n", "column 'x' appears twice"),
-    "empty": ("", "is empty; expected the columns time, player, x, y"),
-    "no rows": ("time,player,x,y\n", "has column names, but no rows"),
+    "no column": (tracks().drop(columns="y"), "missing column y; it has: time, player, x"),
     "ragged": ("time,player,x,y\n0,a,0,0,0,0\n", "not a CSV file"),
-    "duplicate": (_with(4, "time", 0.1), "player 'car' has time 0.1 twice"),
-    "unequal": (
-        tracks(time=np.repeat([0, 0.1, 0.2, 0.35], 2)),
-        "unequal time steps: 0.15 s after time 0.2, mostly 0.1 s",
-    ),
-    "never seen": (tracks(x=np.nan, y=np.nan), "player 'car' has no position at any time"),
-    "text": (_with(2, "x", "1,5"), "line 4: x is '1,5', expected a finite number"),
-    "infinite": (_with(2, "x", "inf"), "line 4: x is 'inf', expected a finite number"),
-    "no time": (_with(2, "time", ""), "line 4: the row has no time"),
-    "milliseconds": (
-        tracks(time=np.repeat([0, 100, 200, 300], 2)),
-        "time steps of 100, above 10 s; expected time in seconds",
-    ),
-    "too fast": (tracks(speed=200.0), "player 'car' has a speed of 200, above 100 m/s"),
+    "text": (tracks().replace({"x": {2.0: "1,5"}}), "is '1,5', expected a finite number"),
     "km/h": (tracks(speed=36.0), "mean speed of 36, but its positions move at 10 m/s"),
-    "mph": (tracks(speed=22.4), "mean speed of 22.4, but its positions move at 10 m/s"),
-    "standing": (tracks(x=0.0, speed=5.0), "mean speed of 5, but its positions move at 0 m/s"),
-    "centimetres": (tracks(x=tracks()["x"] * 100), "moves at 1000 m/s, above 100"),
-    "few degrees": (tracks(heading=3.0), "'car' has headings that point away from its motion"),
-    "degrees": (tracks(heading=90.0), "has a heading of 90; expected radians"),
-    "short": (tracks().iloc[:4], "has 2 times, expected at least 3"),
 }
 
 
@@ -315,15 +268,12 @@ def test_exports_refuse_what_exists_and_other_suffixes(tmp_path, capsys):
 # -- estimate --------------------------------------------------------------------------------
 
 
-def tracks_of(name, tmp_path, **shift):
+def tracks_of(recording, tmp_path, **shift):
     """An equilibrium as a user's tracks: positions only, one sample hidden."""
-    truth = tmp_path / "truth.parquet"
-    run("record", name, "--out", truth)
-    known = read_recording(truth)
     rows = [
-        (time, f"robot_{player}", *known.states[0][step, player, :2])
-        for step, time in enumerate(known.times[0])
-        for player in range(known.states[0].shape[1])
+        (recording.scenario.game.dt * step, f"robot_{player}", *state[:2])
+        for step, states in enumerate(recording.states)
+        for player, state in enumerate(states)
     ]
     table = pd.DataFrame(rows, columns=["time", "player", "x", "y"])
     table.loc[10, ["x", "y"]] = np.nan
@@ -334,12 +284,14 @@ def tracks_of(name, tmp_path, **shift):
 
 
 @pytest.fixture
-def own_tracks(tmp_path):
-    return tracks_of("two_player", tmp_path)
+def own_tracks(tmp_path, recorded):
+    return tracks_of(recorded("two_player"), tmp_path)
 
 
-def test_players_who_start_as_those_of_a_fixed_scenario_have_their_targets(tmp_path, capsys):
-    path, out = tracks_of("highway_overtaking", tmp_path), tmp_path / "weights.csv"
+def test_players_who_start_as_those_of_a_fixed_scenario_have_their_targets(
+    tmp_path, capsys, recorded
+):
+    path, out = tracks_of(recorded("highway_overtaking"), tmp_path), tmp_path / "weights.csv"
     capsys.readouterr()
     run("estimate", path, "--scenario", "highway_overtaking", "--out", out)
     said = capsys.readouterr()
@@ -353,31 +305,6 @@ def test_players_who_start_as_those_of_a_fixed_scenario_have_their_targets(tmp_p
     assert set(table["fit"]) <= {"fits", "not testable"} and (table["noise"] > 0).all()
 
 
-def test_targets_from_the_data_are_named_and_warned_of(tmp_path, capsys):
-    path = tracks_of("highway_overtaking", tmp_path, x=3.0)  # no drawn player starts there
-    run("estimate", path, "--scenario", "highway_overtaking", "--estimator", "uniform")
-    said = capsys.readouterr()
-    assert "the estimator gives no motion to compare" in said.out
-    assert "median speed" in said.out and "where it was last seen" in said.out
-    assert "targets guessed from the data (source 'data'): px, speed" in said.err
-
-
-def test_goals_of_others_are_where_they_were_last_seen(tmp_path, monkeypatch):
-    games = []
-
-    def spy(_, task):
-        games.append(task.problem.game)
-        return Answer(estimate=read_estimate(SimpleNamespace(weights=np.ones((2, 4)))))
-
-    monkeypatch.setattr(PlayerProcess, "estimate", spy)
-    path = tracks_of("two_player", tmp_path, x=3.0)
-    run("estimate", path, "--scenario", "two_player")
-    goals = [player.task[0].goal for player in games[0].players]
-    np.testing.assert_array_equal(goals, read_recording(path).states[0][-1, :, :2])
-    original = get_scenario("two_player").game
-    assert games[0].horizon == original.horizon and games[0].dt == pytest.approx(original.dt)
-
-
 def test_estimators_run_on_recordings_with_truth(tmp_path, capsys):
     path, out = tmp_path / "road.parquet", tmp_path / "weights.csv"
     run("record", "highway_overtaking", "--out", path)
@@ -388,21 +315,13 @@ def test_estimators_run_on_recordings_with_truth(tmp_path, capsys):
     assert "no standard errors" in capsys.readouterr().err
 
 
-def test_motion_that_the_model_does_not_explain_is_warned_of(tmp_path, capsys):
-    path = tracks_of("highway_overtaking", tmp_path, x=3.0)
+def test_motion_that_the_model_does_not_explain_is_warned_of(tmp_path, capsys, recorded):
+    path = tracks_of(recorded("highway_overtaking"), tmp_path, x=3.0)
     run("estimate", path, "--scenario", "highway_overtaking", "--noise", 1e-3)
     said = capsys.readouterr()
     assert "noise 0.001 m (--noise)" in said.out
     assert "the model does not explain the motion, do not rely on these weights" in said.err
-
-
-def test_games_that_are_too_long_say_how_to_resample(tmp_path, capsys):
-    times = 0.04 * np.arange(500)
-    table = pd.DataFrame({"time": times, "player": "a", "x": 10 * times, "y": 0.0})
-    imported(tmp_path, table)
-    error = fails(capsys, "estimate", tmp_path / "tracks.parquet", "--scenario", "highway")
-    assert "has 500 steps of 0.04 s, a game at most 400" in error
-    assert "--resample 0.1 or a shorter --window" in error
+    assert "targets guessed from the data (source 'data'): px, speed" in said.err
 
 
 RAISES = """class Raises:
@@ -436,23 +355,6 @@ def test_bad_estimates_are_refused(own_tracks, tmp_path, capsys, arguments, expe
     arguments = [str(plugin) if word == "RAISES" else word for word in arguments]
     assert expected in fails(capsys, "estimate", own_tracks, *arguments, "--out", out)
     assert not out.exists()
-
-
-def test_weights_that_cannot_be_written_are_one_line(own_tracks, tmp_path, capsys, monkeypatch):
-    def full(*_, **__):
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(pd.DataFrame, "to_csv", full)
-    arguments = ("estimate", own_tracks, "--scenario", "two_player", "--estimator", "uniform")
-    out = tmp_path / "weights.csv"
-    assert "cannot be written: No space left" in fails(capsys, *arguments, "--out", out)
-    assert not list(tmp_path.glob("*weights*"))
-
-
-def test_a_file_that_is_no_recording(tmp_path, capsys):
-    path = tmp_path / "notes.parquet"
-    path.write_text("notes")
-    assert "not a Parquet file" in fails(capsys, "estimate", path, "--scenario", "two_player")
 
 
 # -- what is said of an estimate -------------------------------------------------------------
@@ -592,9 +494,9 @@ def test_intervals_are_told_in_time_and_an_open_end_is_marked(capsys, monkeypatc
 
 @pytest.mark.parametrize("interrupted", [False, True])
 def test_weights_come_before_intervals_and_survive_an_interrupt(
-    tmp_path, capsys, monkeypatch, interrupted
+    tmp_path, recorded, capsys, monkeypatch, interrupted
 ):
-    path, out = tracks_of("two_player", tmp_path, x=3.0), tmp_path / "weights.csv"
+    path, out = tracks_of(recorded("two_player"), tmp_path, x=3.0), tmp_path / "weights.csv"
     answer = Answer(estimate=read_estimate(SimpleNamespace(weights=np.ones((2, 4)))), seconds=50.0)
     tasks = []
     monkeypatch.setattr(PlayerProcess, "estimate", lambda _, task: tasks.append(task) or answer)
@@ -614,11 +516,11 @@ def test_weights_come_before_intervals_and_survive_an_interrupt(
     assert task.set_up_limit == rehearsal.time_limit > 500  # compilation is apart
 
 
-def test_who_is_late_is_told_what_helps(tmp_path, capsys, monkeypatch):
+def test_who_is_late_is_told_what_helps(tmp_path, capsys, monkeypatch, recorded):
     def late(*_):
         raise PlayerFault("timeout", "killed after 9 s of estimate")
 
     monkeypatch.setattr(PlayerProcess, "estimate", late)
-    path = tracks_of("two_player", tmp_path, x=3.0)
+    path = tracks_of(recorded("two_player"), tmp_path, x=3.0)
     error = fails(capsys, "estimate", path, "--scenario", "two_player")
     assert "killed after 9 s of estimate; give a longer --budget, or import fewer" in error

@@ -21,113 +21,96 @@ import numpy as np
 
 class Good:
     name = "Good"
+    def __init_subclass__(cls):
+        cls.name = cls.__name__
     def estimate(self, problem, observation, *, rng, budget):
         print("chatty")
         return SimpleNamespace(weights=np.full((2, 4), 2.0))
 
 class Hangs(Good):
-    name = "Hangs"
     def estimate(self, *args, **kwargs):
         while True:
             time.sleep(0.1)
 
 class Dies(Good):
-    name = "Dies"
     def estimate(self, *args, **kwargs):
         os._exit(7)
 
 class EndsWell(Good):
-    name = "EndsWell"
     def estimate(self, *args, **kwargs):
         os._exit(0)
 
 class Exits(Good):
-    name = "Exits"
     def estimate(self, *args, **kwargs):
         sys.exit("done")
 
 class Segfaults(Good):
-    name = "Segfaults"
     def estimate(self, *args, **kwargs):
         ctypes.string_at(0)
 
 class IsKilled(Good):
-    name = "IsKilled"
     def estimate(self, *args, **kwargs):
         os.kill(os.getpid(), signal.SIGKILL)
 
 class Hoards(Good):
-    name = "Hoards"
     kept = []
     def estimate(self, *args, **kwargs):
         while True:
             self.kept.append(np.ones(2**24))
 
 class Forks(Good):
-    name = "Forks"
     def estimate(self, problem, observation, *, rng, budget):
         os.fork()
         return super().estimate(problem, observation, rng=rng, budget=budget)
 
 class LeavesProcess(Good):
-    name = "LeavesProcess"
     def estimate(self, problem, observation, *, rng, budget):
         subprocess.Popen([sys.executable, "-c", "import time; time.sleep(1234.5)"])
         return super().estimate(problem, observation, rng=rng, budget=budget)
 
 class HidesProcess(Good):
-    name = "HidesProcess"
     def estimate(self, problem, observation, *, rng, budget):
         sleep = [sys.executable, "-c", "import time; time.sleep(1234.5)"]
         subprocess.run([sys.executable, "-c", f"import subprocess; subprocess.Popen({sleep!r})"])
         return super().estimate(problem, observation, rng=rng, budget=budget)
 
 class DiesWithAChild(Good):
-    name = "DiesWithAChild"
     def estimate(self, *args, **kwargs):
         if os.fork():
             os._exit(9)
         time.sleep(1234.5)
 
 class TimeBomb(Good):
-    name = "TimeBomb"
     def estimate(self, problem, observation, *, rng, budget):
         threading.Timer(1.0, os._exit, [5]).start()
         return super().estimate(problem, observation, rng=rng, budget=budget)
 
 class ClosesEverything(Good):
-    name = "ClosesEverything"
     def estimate(self, *args, **kwargs):
         os.closerange(0, 100)
         time.sleep(1234.5)
 
 class Raises(Good):
-    name = "Raises"
     def estimate(self, *args, **kwargs):
         raise RuntimeError("no\\nidea")
 
 class Mutates(Good):
-    name = "Mutates"
     def estimate(self, problem, observation, *, rng, budget):
         observation.y[0] = 0
 
 class Shape(Good):
-    name = "Shape"
     def estimate(self, *args, **kwargs):
         return SimpleNamespace(weights=np.ones((3, 4)))
 
 class GivesUp(Good):
-    name = "GivesUp"
     def estimate(self, *args, **kwargs):
         return SimpleNamespace(weights=np.ones((2, 4)), converged=False, message="lost")
 
 class Refuses(Good):
-    name = "Refuses"
     def supports(self, problem):
         return "too many players"
 
 class Random(Good):
-    name = "Random"
     def estimate(self, problem, observation, *, rng, budget):
         return SimpleNamespace(weights=rng.uniform(0.5, 1, (2, 4)))
 """
@@ -199,11 +182,6 @@ def test_prints_go_to_the_log(outcomes):
 def test_weights_are_scaled_to_sum_one(outcomes):
     _, outcome = outcomes[1]["Good"][0]
     assert outcome.weights == [[0.25] * 4] * 2
-
-
-def test_an_exception_names_its_place(outcomes):
-    _, outcome = outcomes[1]["Raises"][0]
-    assert "plugin.py:" in outcome.message
 
 
 def test_randomness_is_seeded_by_the_trial_alone(outcomes, judged):
@@ -310,11 +288,3 @@ def test_a_run_waits_for_what_it_has_begun_and_stops_when_asked(tmp_path):
     assert found[0][1] == "ok"
     # It sleeps between calls instead of polling all the time.
     assert len(asked) <= 2 * (asked[-1] - asked[0]) / TICK + 20
-
-
-def test_all_trials_are_run_where_nobody_stops(tmp_path):
-    part = select(load_suite("quick"), PART.model_copy(update={"estimators": ("uniform",)}))
-    trials = list(expand(part, seeds=5))
-    found = list(run_trials(trials, jobs=2, log=tmp_path / "log"))
-    assert {t.key for t, _ in found} == {t.key for t in trials}
-    assert [o.status for _, o in found] == ["ok"] * 5

@@ -86,7 +86,7 @@ def refusal(said):
 def test_any_other_byte_is_noticed_or_changes_nothing(run):
     rng, refused = random.Random(0), 0
     table = run.study.rows("intact")
-    for place in rng.sample(range(len(run.whole)), 100):
+    for place in rng.sample(range(len(run.whole)), 40):
         other = bytearray(run.whole)
         other[place] ^= rng.randrange(1, 256)
         for command in FAST:
@@ -99,7 +99,7 @@ def test_any_other_byte_is_noticed_or_changes_nothing(run):
             pd.testing.assert_frame_equal(run.study.rows("out"), table, check_exact=True)
         except UserError as error:
             assert str(error).isprintable() and FILE_NAME in str(error)
-    assert refused > 40
+    assert refused > 16
 
 
 #: Changes of one row by SQL, and what is said of it.
@@ -120,18 +120,23 @@ ROW = "estimator = 'uniform' AND sigma = 0.1 AND seed = 2"
 
 
 @pytest.mark.parametrize("change", CHANGES)
-def test_a_row_that_cannot_be_is_named_by_all_commands_that_read_it(run, change):
-    for command in COMMANDS:
-        run.write(run.whole)
-        run.change(f"UPDATE trials SET {change} WHERE {ROW}")
-        said = run.say(command)
-        if command == "status" and "status" not in change:
-            assert said == run.usual["status"]  # it has not read the rest
-            continue
-        line = refusal(said)
-        assert "trials.sqlite is damaged: row " in line
-        assert f"(uniform, two_player, full, sigma 0.1, seed 2): {CHANGES[change]}" in line
-        assert line.endswith("restore it from a copy, or move it away and run again")
+def test_a_row_that_cannot_be_is_named(run, change):
+    run.write(run.whole)
+    run.change(f"UPDATE trials SET {change} WHERE {ROW}")
+    if "status" not in change:
+        assert run.say("status") == run.usual["status"]  # it has not read the rest
+    line = refusal(run.say("gate"))
+    assert "trials.sqlite is damaged: row " in line
+    assert f"(uniform, two_player, full, sigma 0.1, seed 2): {CHANGES[change]}" in line
+    assert line.endswith("restore it from a copy, or move it away and run again")
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize("change", ["trials SET status = 'fine'", "runs SET provenance = '{}'"])
+def test_all_commands_name_what_is_damaged(run, command, change):
+    run.write(run.whole)
+    run.change(f"UPDATE {change}")
+    assert "is damaged" in refusal(run.say(command))
 
 
 #: Changes of other tables, and of what SQLite says of them.
@@ -148,11 +153,10 @@ OTHER_TABLES = {
 
 
 @pytest.mark.parametrize("change", OTHER_TABLES)
-def test_damage_in_another_table_is_named_by_all_commands(run, change):
-    for command in COMMANDS:
-        run.write(run.whole)
-        run.change(change)
-        assert f"is damaged ({OTHER_TABLES[change]}" in refusal(run.say(command))
+def test_damage_in_another_table_is_named(run, change):
+    run.write(run.whole)
+    run.change(change)
+    assert f"is damaged ({OTHER_TABLES[change]}" in refusal(run.say("status"))
 
 
 def test_a_status_of_a_writer_that_knows_more_is_refused(run):
@@ -164,8 +168,7 @@ def test_a_status_of_a_writer_that_knows_more_is_refused(run):
         row = connection.execute(f"SELECT {columns} FROM trials WHERE {ROW}").fetchone()
         right = Checksums(run.metrics).of(row)
         connection.execute(f"UPDATE trials SET checksum = ? WHERE {ROW}", [right])
-    for command in COMMANDS:
-        assert "status 'fine' is none of ok" in refusal(run.say(command))
+    assert "status 'fine' is none of ok" in refusal(run.say("status"))
 
 
 def test_metrics_without_a_value_do_not_change_a_checksum():

@@ -198,11 +198,6 @@ def test_other_versions_do_not_hide_a_rival_made_worse(submission: Path, capsys)
     assert "DIFFERS  uniform, two_player, full" in said
 
 
-def test_rows_of_other_libraries_are_accepted_if_they_are_the_same(submission: Path) -> None:
-    other_libraries(submission)
-    assert verify(submission) == 0
-
-
 CONSTANTS = """
 from types import SimpleNamespace
 

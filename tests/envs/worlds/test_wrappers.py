@@ -23,8 +23,6 @@ from olne_bench.envs.worlds.wrappers import (
     RangeBearing,
     wrap,
 )
-from olne_bench.estimators.kkt_constrained import KktConstrained
-from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.games.model.observation import VIEWS, RangeBearingView, observe
 from olne_bench.games.model.sensor import SensorModel
 
@@ -116,34 +114,6 @@ def test_wrappers_see_what_estimators_expect(view):
         assert np.array_equal(blocks(env, shown, player), expected)
     times = [observations["player_0"][-1] for observations in shown]
     assert np.array_equal(times, np.arange(20.0))
-
-
-def test_named_wrappers_are_those_views():
-    pairs = [
-        (PartialObservation(world(), PARTIAL), ObservationView(world(), VIEWS["partial"])),
-        (
-            RangeBearing(world(), SENSOR, FACING),
-            ObservationView(world(), RangeBearingView(SENSOR, FACING)),
-        ),
-    ]
-    for named, general in pairs:
-        assert data_equivalence(episode(named)[0], episode(general)[0], exact=True)
-        assert named.observation_layout == general.observation_layout
-
-
-@pytest.mark.parametrize("view", [VIEWS["partial"], RangeBearingView(SENSOR, FACING)])
-def test_estimator_recovers_the_weights_from_what_a_wrapper_shows(view):
-    env = ObservationView(world(), view)
-    shown, _, told = episode(env)
-    problem = Problem(env.unwrapped.scenario.game, view)
-    estimate = KktConstrained().estimate(
-        problem,
-        Observation(blocks(env, shown, "player_1")),
-        rng=np.random.default_rng(0),
-        budget=60,
-    )
-    truth = np.array([told[0][player]["weights"] for player in env.possible_agents])
-    assert np.abs(estimate.weights - truth).max() < 1e-3
 
 
 # -- noise -----------------------------------------------------------------------------------

@@ -153,11 +153,6 @@ def test_missing_samples_weigh_nothing() -> None:
     np.testing.assert_allclose(solution.point.weights, 0.25, atol=1e-4)
 
 
-def test_a_horizon_of_one_is_no_game() -> None:
-    with pytest.raises(ValueError, match="horizon must be an integer of at least 2, got 1"):
-        replace(get_scenario("two_player").game, horizon=1)
-
-
 @pytest.mark.parametrize("horizon", [2, 3])
 def test_the_shortest_horizons(horizon: int) -> None:
     scenario = get_scenario("two_player")

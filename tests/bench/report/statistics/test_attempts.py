@@ -101,16 +101,6 @@ def test_chance_has_no_part_in_rows_without_noise(usual):
     assert noisy(trials, usual).index.tolist() == [1, 3]
 
 
-@pytest.mark.parametrize(
-    ("share", "expected"), [(0.0, 0.0), (0.25, 0.5), (0.375, 0.75), (0.5, 1.0), (0.75, 5.5)]
-)
-def test_quantiles_lie_between_neighbours_in_proportion(share, expected):
-    assert quantile(np.array([10.0, 0.0, 1.0]), np.ones(3, int), share) == expected
-    # Of 0, 0, 1, 10, 10 as of three values that occur two times, once and two times.
-    counted = quantile(np.array([10.0, 0.0, 1.0]), np.array([2, 2, 1]), share)
-    assert counted == pytest.approx(np.quantile([0, 0, 1, 10, 10], share))
-
-
 def judged(rows) -> pd.DataFrame:
     columns = ["scenario", "estimator", "seed", "status", "cosine_error", "position_error"]
     return pd.DataFrame(rows, columns=columns).assign(sensor="full")
