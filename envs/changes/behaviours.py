@@ -18,7 +18,7 @@ from olne_bench.games.solve.feedback import solve_feedback
 #: Rounds in which followers respond to each other, and change [control units] that ends them.
 _ROUNDS, _SETTLED = 20, 1e-6
 #: Iterations of the leader's search.
-_ITERATIONS = 30
+_ITERATIONS = 20
 #: Curvature of a cost, relative to the largest, that counts at least: no draw is without bounds.
 _FLATTEST = 1e-6
 
@@ -89,17 +89,24 @@ class Leading(Change):
     ) -> np.ndarray:
         game = replace(scenario.game, horizon=horizon)
         plan = own_plan(scenario, start, horizon).controls
-        costs, size = PlanCosts(game, scenario.weights, start), plan[:, 0].size
+        costs, size, shape = (
+            PlanCosts(game, scenario.weights, start),
+            plan[:, 0].size,
+            plan[:, 0].shape,
+        )
+        followed = plan
 
         def led(own: np.ndarray) -> tuple[float, np.ndarray]:
             """The leader's cost at its plan, and the derivative, the others' answers included."""
-            at = costs.at(_followed(game, scenario, start, plan, own.reshape(plan[:, 0].shape)))
+            nonlocal followed  # the last answers are near the next ones
+            followed = _followed(game, scenario, start, followed, own.reshape(shape))
+            at = costs.at(followed)
             bent = at.own_curvatures[size:]
             answers = -np.linalg.solve(bent[:, size:], bent[:, :size])
             return at.costs[0], at.slopes[0, :size] + at.slopes[0, size:] @ answers
 
         found = minimize(led, plan[:, 0].ravel(), jac=True, options={"maxiter": _ITERATIONS})
-        followed = _followed(game, scenario, start, plan, found.x.reshape(plan[:, 0].shape))
+        followed = _followed(game, scenario, start, followed, found.x.reshape(shape))
         return blended(game, start, plan, followed, self.dial)
 
 
