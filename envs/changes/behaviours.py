@@ -16,7 +16,7 @@ from olne_bench.games.solve.best_response import best_responses
 from olne_bench.games.solve.feedback import solve_feedback
 
 #: Rounds in which followers respond to each other, and change [control units] that ends them.
-_ROUNDS, _SETTLED = 20, 1e-6
+_ROUNDS, _SETTLED = 30, 1e-9
 #: Iterations of the leader's search.
 _ITERATIONS = 20
 #: Curvature of a cost, relative to the largest, that counts at least: no draw is without bounds.
@@ -89,24 +89,31 @@ class Leading(Change):
     ) -> np.ndarray:
         game = replace(scenario.game, horizon=horizon)
         plan = own_plan(scenario, start, horizon).controls
-        costs, size, shape = (
+        costs, shape, size = (
             PlanCosts(game, scenario.weights, start),
-            plan[:, 0].size,
             plan[:, 0].shape,
+            plan[:, 0].size,
         )
-        followed = plan
+        # In these units the leader's own cost bends the same in all directions.
+        values, vectors = _bounded(costs.at(plan).own_curvatures[:size, :size])
+        unit, followed = vectors / np.sqrt(values), plan
 
-        def led(own: np.ndarray) -> tuple[float, np.ndarray]:
+        def led(away: np.ndarray) -> tuple[float, np.ndarray]:
             """The leader's cost at its plan, and the derivative, the others' answers included."""
             nonlocal followed  # the last answers are near the next ones
-            followed = _followed(game, scenario, start, followed, own.reshape(shape))
+            own = plan[:, 0] + (unit @ away).reshape(shape)
+            followed = _followed(game, scenario, start, followed, own)
             at = costs.at(followed)
             bent = at.own_curvatures[size:]
             answers = -np.linalg.solve(bent[:, size:], bent[:, :size])
-            return at.costs[0], at.slopes[0, :size] + at.slopes[0, size:] @ answers
+            slope = at.slopes[0, :size] + at.slopes[0, size:] @ answers
+            return at.costs[0], unit.T @ slope
 
-        found = minimize(led, plan[:, 0].ravel(), jac=True, options={"maxiter": _ITERATIONS})
-        followed = _followed(game, scenario, start, followed, found.x.reshape(shape))
+        found = minimize(
+            led, np.zeros(size), jac=True, options={"maxiter": _ITERATIONS, "gtol": 1e-4}
+        )
+        own = plan[:, 0] + (unit @ found.x).reshape(shape)
+        followed = _followed(game, scenario, start, followed, own)
         return blended(game, start, plan, followed, self.dial)
 
 
@@ -140,8 +147,8 @@ class Entropic(Change):
         drawn, size = plan.copy(), plan[:, 0].size
         for i in range(game.num_players):
             own = slice(i * size, (i + 1) * size)
-            values, vectors = np.linalg.eigh(curvatures[own, own])
-            spread = np.sqrt(self.dial / np.maximum(values, _FLATTEST * values[-1]))
+            values, vectors = _bounded(curvatures[own, own])
+            spread = np.sqrt(self.dial / values)
             away = vectors @ (spread * rng.standard_normal(size))
             drawn[:, i] += away.reshape(drawn[:, i].shape)
         return rollout(game.dynamics, start, drawn, game.dt)
@@ -214,6 +221,12 @@ def response(
     if not found.converged[0]:
         raise NoEquilibriumError(f"player {player} finds no response")
     return np.asarray(found.controls[0])
+
+
+def _bounded(curvature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Eigenvalues of a symmetric matrix, none of them too small, and eigenvectors."""
+    values, vectors = np.linalg.eigh(curvature)
+    return np.maximum(values, _FLATTEST * values[-1]), vectors
 
 
 def _followed(
