@@ -123,10 +123,7 @@ def _supports(estimator: Any, budget: float) -> None:
 
 
 def _streams(estimator: Any, budget: float) -> None:
-    """It follows a motion that goes on, one sample after the other, as a study of streams runs it.
-
-    No further sample is shown once the budget is spent.
-    """
+    """It follows a motion sample by sample, as in a study of streams, until the budget is spent."""
     case = _supported(estimator)[0]
     game = replace(case.problem.game, horizon=_SAMPLES)
     problem = replace(case.problem, game=game)

@@ -126,13 +126,7 @@ def _check_lag(scenario: ScenarioEntry, lag: int) -> None:
 def _asked(
     foreign: Sequence[str], hidden: Path | None, function: Callable[..., str], *about: Any
 ) -> str:
-    """What a function says, in a process of its own where foreign code takes part.
-
-    It says nothing if a draw fails there, which the trials will show.
-
-    Raises:
-        StartError: if no process can be started.
-    """
+    """What a function says, in its own process where foreign code takes part; StartError."""
     if not foreign:
         return function(*about)
     child = Child(restricted=True, memory=LOAD_MEMORY, plugins=foreign, hidden=hidden)
@@ -141,7 +135,7 @@ def _asked(
     except StartError:
         raise
     except (ChildError, RaisedError, UserError):
-        return ""
+        return ""  # a draw that fails there is shown by the trials
     finally:
         child.stop()
 

@@ -249,11 +249,7 @@ class _Run:
 
 
 class _Census:
-    """Count the cluster's threads repeatedly, in a thread, because a call may never return.
-
-    Attributes:
-        threads: last count, at least 1.
-    """
+    """Count the cluster's threads in a thread of its own, because a call may never return."""
 
     def __init__(self, client: Any) -> None:
         self.threads = 1

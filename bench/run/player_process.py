@@ -159,17 +159,7 @@ def _death_as_fault() -> Iterator[None]:
 
 @contextmanager
 def _faults_of(stage: str, limit: float) -> Iterator[None]:
-    """What goes wrong in a player's process as the player's fault, but for its death.
-
-    Args:
-        stage: name of its work.
-        limit: time limit of it [s].
-
-    Raises:
-        PlayerFault: if the work has no valid result.
-        DiedError: if the process died.
-        StartError: if it did not start.
-    """
+    """Make the player's fault of what goes wrong in its process, but for its death."""
     try:
         yield
     except TimedOutError as error:

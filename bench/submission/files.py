@@ -34,9 +34,7 @@ def check_folder(folder: Path, listed: Iterable[str], manifest: str) -> None:
     """Refuse a folder that holds others than the listed usual files, or larger ones (UserError)."""
     wanted = {manifest, *listed}
     parents = {str(p) for place in wanted for p in PurePosixPath(place).parents}
-    size = 0
-    for place in sorted(wanted):
-        size += _size(folder, place)
+    size = sum(_size(folder, place) for place in sorted(wanted))
     if size > MOST_BYTES:
         raise UserError(f"{folder}: its files have {size} bytes; at most {MOST_BYTES} are allowed")
     for parent in sorted(parents):

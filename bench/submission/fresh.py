@@ -28,7 +28,7 @@ from scipy.stats import rankdata
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.plan.trial import Trial
-from olne_bench.bench.report.statistics.attempts import errors_of, quantile
+from olne_bench.bench.report.statistics.attempts import errors_of, median
 
 #: Chance that an honest submission is refused by these tests, at most.
 LEVEL = 2.5e-4
@@ -175,8 +175,8 @@ def compare_fresh(
         estimator=str(fresh["estimator"].iloc[0]),
         metric=metric.name,
         trials=len(fresh),
-        submitted=_median(errors.get(False, nothing)),
-        fresh=_median(errors.get(True, nothing)),
+        submitted=median(errors.get(False, nothing)),
+        fresh=median(errors.get(True, nothing)),
         p=min(1.0, 2 * _chance(units, level)),
         decides=ways * level > 2,
         level=level,
@@ -186,10 +186,6 @@ def compare_fresh(
 def has_truth(table: pd.DataFrame) -> pd.Series:
     """Which rows' draws have an equilibrium: what is skipped before it is observed has none."""
     return ~(table["status"].eq("skipped") & table["observation_error"].isna())
-
-
-def _median(values: np.ndarray) -> float:
-    return quantile(values, np.ones(len(values), int), 0.5)
 
 
 def _scores(both: pd.DataFrame, cell: list[str]) -> pd.DataFrame:

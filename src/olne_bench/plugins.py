@@ -336,10 +336,7 @@ def _load(path: Path) -> ModuleType:
 
 
 def _plugin_classes(kind: Kind, module: ModuleType, path: Path) -> dict[str, type[Any]]:
-    """Classes of a file that have the method of a kind, by name.
-
-    If some of them have a ``name``, those without one are helpers and left out.
-    """
+    """Classes with the method of a kind, by name; where some have a ``name``, only those."""
     what = f"file {str(path)!r}"
     found = {
         name: member
