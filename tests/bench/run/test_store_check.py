@@ -99,7 +99,7 @@ def test_any_other_byte_is_noticed_or_changes_nothing(run):
             pd.testing.assert_frame_equal(run.study.rows("out"), table, check_exact=True)
         except UserError as error:
             assert str(error).isprintable() and FILE_NAME in str(error)
-    assert refused > 16
+    assert refused > 8
 
 
 #: Changes of one row by SQL, and what is said of it.

@@ -77,7 +77,7 @@ def test_right_of_way_is_left_out_where_it_changes_nothing(monkeypatch) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"name": "motorway"}, "unknown road 'motorway'; known are: changed, highway, merge"),
+        ({"name": "motorway"}, "unknown road 'motorway'; known are: highway, merge"),
         ({"traffic": "none"}, "unknown traffic 'none'; known are: nash, stock"),
         ({"weights": "moderate"}, "unknown weights 'moderate'; known are: temperaments, dirichlet"),
     ],
