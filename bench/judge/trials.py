@@ -283,7 +283,7 @@ def _with_scores(
     for entry in trial.metrics:
         if plugins.is_built_in(plugins.METRIC, entry.name):
             metric = plugins.make(plugins.METRIC, entry.name, entry.parameters)
-            scores[entry.column or metric.name] = score_all([metric], judged)[metric.name]
+            scores[entry.column] = score_all([metric], judged)[metric.name]
         elif not (entry.declaration.get("needs_prediction") and judged.prediction is None):
             try:
                 found = foreign.score(entry, judged, trial.home_plugins, trial.time_limit)

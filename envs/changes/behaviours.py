@@ -1,7 +1,6 @@
 """Players that do not play an open-loop Nash equilibrium of the game that estimators are told."""
 
-from dataclasses import dataclass, replace
-from typing import ClassVar
+from dataclasses import replace
 
 import numpy as np
 from scipy.optimize import minimize
@@ -9,7 +8,7 @@ from scipy.optimize import minimize
 from olne_bench.envs.changes.change import Change, own_plan, played
 from olne_bench.envs.changes.plan_costs import PlanCosts
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
-from olne_bench.games.model.costs import CarProximity, Feature, Proximity, StateDeviation
+from olne_bench.games.model.costs import CarProximity, Feature, Proximity
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.game import Game
 from olne_bench.games.solve.best_response import best_responses
@@ -154,32 +153,24 @@ class Entropic(Change):
         return rollout(game.dynamics, start, drawn, game.dt)
 
 
-@dataclass(frozen=True)
 class Stock(Change):
     """HighwayEnv's drivers drive, IDM and MOBIL; the dial is their wanted time gap over 1.5 s."""
 
-    name: ClassVar[str] = "stock"
-    unit: ClassVar[str] = "times 1.5 s"
-    high: ClassVar[float] = 3.0
+    name, unit, high = "stock", "times 1.5 s", 3.0
 
     def drive(
         self, scenario: Scenario, start: np.ndarray, horizon: int, rng: np.random.Generator
     ) -> np.ndarray:
-        from olne_bench.envs.roads.stock_drivers import StockDriver, drive_stock  # slow to import
+        from olne_bench.envs.roads.road_scenario import speed_feature  # slow to import
+        from olne_bench.envs.roads.stock_drivers import StockDriver, drive_stock
         from olne_bench.envs.worlds.scene import is_on_road
 
         if not is_on_road(scenario):
             raise ValueError(f"stock drivers need a road of HighwayEnv, {scenario.name!r} has none")
         gap = self.dial * StockDriver(0.0).time_gap
-        speeds = [target_speeds(player.preferences) for player in scenario.game.players]
-        drivers = [StockDriver(speed, time_gap=gap) for speed in speeds]
+        wanted = [speed_feature(player).target for player in scenario.game.players]
+        drivers = [StockDriver(float(speed), time_gap=gap) for speed in wanted]
         return drive_stock(scenario.name, scenario.game, start, drivers, horizon - 1)
-
-
-def target_speeds(features: tuple[Feature, ...]) -> float:
-    """The speed [m/s] that a player's features ask for."""
-    (speed,) = (f for f in features if isinstance(f, StateDeviation) and f.component == "speed")
-    return float(speed.target)
 
 
 def uncoupled(game: Game, share: float) -> Game:
@@ -190,11 +181,7 @@ def uncoupled(game: Game, share: float) -> Game:
             return replace(feature, scale=(1 - share) * feature.scale)
         return feature
 
-    players = tuple(
-        replace(player, preferences=tuple(map(changed, player.preferences)))
-        for player in game.players
-    )
-    return replace(game, players=players)
+    return replace(game, players=tuple(player.changed(changed) for player in game.players))
 
 
 def blended(

@@ -49,9 +49,10 @@ class Change:
         """What estimators are told of a drawn scenario: all of it, unless players are left out."""
         return scenario
 
-    def players(self, count: int) -> int:
-        """Number of players to draw where estimators are told of so many."""
-        return count
+    @property
+    def unreported(self) -> int:
+        """Number of players whom estimators are not told of."""
+        return 0
 
     def drive(
         self, scenario: Scenario, start: np.ndarray, horizon: int, rng: np.random.Generator

@@ -1,6 +1,6 @@
 """Players that play an equilibrium, of a game other than the one that estimators are told."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import casadi as ca
@@ -29,16 +29,11 @@ class _OtherGame(Change):
 
     def _changed(self, game: Game, kind: type, change: Callable[[Feature], Feature]) -> Game:
         """The game with features of a kind changed; ValueError if it has none."""
-        players = tuple(
-            replace(
-                player,
-                preferences=tuple(
-                    change(f) if isinstance(f, kind) else f for f in player.preferences
-                ),
-                task=tuple(change(f) if isinstance(f, kind) else f for f in player.task),
-            )
-            for player in game.players
-        )
+
+        def one(feature: Feature) -> Feature:
+            return change(feature) if isinstance(feature, kind) else feature
+
+        players = tuple(player.changed(one) for player in game.players)
         if players == game.players:
             raise ValueError(f"{self.name!r} does not apply: no player has a {kind.__name__}")
         return replace(game, players=players)
@@ -147,24 +142,18 @@ class UnseenCars(Change):
         if self.dial != int(self.dial):
             raise ValueError(f"the dial of {self.name!r} is a whole number, got {self.dial!r}")
 
-    def players(self, count: int) -> int:
-        return count + int(self.dial)
+    @property
+    def unreported(self) -> int:
+        return int(self.dial)
 
     def told(self, scenario: Scenario) -> Scenario:
-        count = scenario.game.num_players - int(self.dial)
+        count = scenario.game.num_players - self.unreported
         return replace(
             scenario,
             game=replace(scenario.game, players=scenario.game.players[:count]),
             weights=scenario.weights[:count],
             initial_state=scenario.initial_state[:count],
         )
-
-
-def _each(
-    features: tuple[Feature, ...], kind: type, change: Callable[[Feature], Feature]
-) -> Iterator[Feature]:
-    for feature in features:
-        yield change(feature) if isinstance(feature, kind) else feature
 
 
 def _beside(lane: Lane, offset: float) -> Lane:

@@ -1,7 +1,5 @@
 """Noise that is not as estimators are told: Gaussian, white, of a known size and without a bias."""
 
-from typing import ClassVar
-
 import numpy as np
 
 from olne_bench.envs.changes.change import Change
@@ -100,7 +98,6 @@ class ClockOffset(Change):
     """The clock of every other player is ahead by ``dial`` steps."""
 
     name, unit, high = "clock_offset", "steps", 1.0
-    every: ClassVar[int] = 2
 
     def disturb(
         self,
@@ -111,5 +108,5 @@ class ClockOffset(Change):
     ) -> np.ndarray:
         later = np.concatenate([clean[1:], 2 * clean[-1:] - clean[-2:-1]])
         moved = errors + self.dial * (later - clean)
-        late = np.arange(errors.shape[1]) % self.every == 0
+        late = np.arange(errors.shape[1]) % 2 == 0
         return np.where(late[:, None], errors, moved)

@@ -35,8 +35,8 @@ class Changed:
         if not self.dial:
             return get_scenario(self.of, seed, **self.options)
         change, options = make_change(self.change, self.dial), dict(self.options)
-        if (more := change.players(0)) > 0:
+        if change.unreported:
             count = get_scenario(self.of, seed, **options).game.num_players
-            options["num_players"] = count + more
+            options["num_players"] = count + change.unreported
         drawn = get_scenario(self.of, seed, **options)
         return replace(change.told(drawn), departure=Departed(change, drawn, seed))

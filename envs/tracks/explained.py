@@ -11,7 +11,7 @@ Costs are sums over steps. If tracks have another time step than the scenario, e
 rescaled, so that weights keep their meaning.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -92,7 +92,7 @@ class Targets:
 
     def applied(self, costs: Player) -> Player:
         """The costs with this player's targets."""
-        return _changed(costs, self._aimed)
+        return costs.changed(self._aimed)
 
     def _aimed(self, term: Feature) -> Feature:
         if isinstance(term, StateDeviation):
@@ -306,12 +306,7 @@ def _without_targets(player: Player) -> Player:
             return replace(term, route=nowhere, blend=1.0)
         return term
 
-    return _changed(player, bare)
-
-
-def _changed(player: Player, change: Callable[[Feature], Feature]) -> Player:
-    """The player with each of its cost terms changed."""
-    return Player(tuple(map(change, player.preferences)), tuple(map(change, player.task)))
+    return player.changed(bare)
 
 
 def _road(scenario: Scenario, told: RoadFile) -> Road | None:
@@ -338,4 +333,4 @@ def _at_step(player: Player, ratio: float) -> Player:
             return replace(term, scale=term.scale / ratio)
         return term
 
-    return player if abs(ratio - 1) < 1e-9 else _changed(player, rescaled)
+    return player if abs(ratio - 1) < 1e-9 else player.changed(rescaled)

@@ -9,7 +9,7 @@ terms (its goal, its lane) encode what it has to do rather than what it likes: t
 the *mean* of its weights, which keeps the cost homogeneous in the weights.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
@@ -52,6 +52,10 @@ class Player:
     def features(self) -> tuple[Feature, ...]:
         """Preferences, then the task."""
         return (*self.preferences, *self.task)
+
+    def changed(self, change: Callable[[Feature], Feature]) -> "Player":
+        """The player with each of its features changed."""
+        return Player(tuple(map(change, self.preferences)), tuple(map(change, self.task)))
 
     def weigh(self, weights: ca.SX, values: list[ca.SX | float]) -> ca.SX:
         """The cost of values of all ``features``, in their order, for weights (K,)."""

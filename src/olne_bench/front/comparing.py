@@ -173,7 +173,7 @@ def _trial(
         sigma=sigma,
         seed=seed,
         estimator=who.entry,
-        metrics=tuple(MetricEntry(name=one) for one in metrics),
+        metrics=tuple(MetricEntry(name=one, column=one) for one in metrics),
         count=1,
         time_limit=60.0,
         root_iterations=PUBLISHED_ITERATIONS,
