@@ -19,6 +19,21 @@ _ROUNDS = 30
 
 
 @dataclass(frozen=True)
+class Samples:
+    """What is seen in S steps.
+
+    Attributes:
+        errors: (S, N, d) as the noise that estimators are told of; NaN where nothing is seen.
+        clean: (S, N, d) what is seen without noise.
+        deviations: (d,) standard deviations of that noise.
+    """
+
+    errors: np.ndarray
+    clean: np.ndarray
+    deviations: np.ndarray
+
+
+@dataclass(frozen=True)
 class Change:
     """A change of a scenario; this one changes nothing.
 
@@ -70,22 +85,9 @@ class Change:
         """
         return own_plan(scenario, start, horizon).states
 
-    def disturb(
-        self,
-        errors: np.ndarray,
-        clean: np.ndarray,
-        deviations: np.ndarray,
-        rng: np.random.Generator,
-    ) -> np.ndarray:
-        """The errors (S, N, d) that samples have.
-
-        Args:
-            errors: (S, N, d) as the noise that estimators are told of; NaN where nothing is seen.
-            clean: (S, N, d) what is seen without noise.
-            deviations: (d,) standard deviations of that noise.
-            rng: for what is random.
-        """
-        return errors
+    def disturb(self, seen: Samples, rng: np.random.Generator) -> np.ndarray:
+        """The errors (S, N, d) that samples have, in place of those of the noise as told."""
+        return seen.errors
 
 
 def own_plan(scenario: Scenario, start: np.ndarray, horizon: int) -> Root:
@@ -150,7 +152,7 @@ class Departed:
         self, errors: np.ndarray, clean: np.ndarray, deviations: np.ndarray
     ) -> np.ndarray:
         """Errors (S, N, d) in place of those that estimators are told of."""
-        return self.change.disturb(errors, clean, deviations, self._rng(errors))
+        return self.change.disturb(Samples(errors, clean, deviations), self._rng(errors))
 
     def _rng(self, place: np.ndarray) -> np.random.Generator:
         return np.random.default_rng([self.seed, zlib.crc32(place.tobytes())])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from olne_bench.envs.changes.change import Change
+from olne_bench.envs.changes.change import Change, Samples
 
 #: Errors of outliers over usual ones.
 _FAR = 10.0
@@ -13,14 +13,8 @@ class NoiseLevel(Change):
 
     name, unit, low, high = "noise_level", "doublings", -3.0, 3.0
 
-    def disturb(
-        self,
-        errors: np.ndarray,
-        clean: np.ndarray,
-        deviations: np.ndarray,
-        rng: np.random.Generator,
-    ) -> np.ndarray:
-        return np.asarray(2.0**self.dial * errors)
+    def disturb(self, seen: Samples, rng: np.random.Generator) -> np.ndarray:
+        return np.asarray(2.0**self.dial * seen.errors)
 
 
 class StudentNoise(Change):
@@ -28,16 +22,10 @@ class StudentNoise(Change):
 
     name, high = "student_noise", 0.45
 
-    def disturb(
-        self,
-        errors: np.ndarray,
-        clean: np.ndarray,
-        deviations: np.ndarray,
-        rng: np.random.Generator,
-    ) -> np.ndarray:
+    def disturb(self, seen: Samples, rng: np.random.Generator) -> np.ndarray:
         freedom = 1 / self.dial
-        scale = np.sqrt((freedom - 2) / rng.chisquare(freedom, size=errors.shape))
-        return np.asarray(scale * errors)
+        scale = np.sqrt((freedom - 2) / rng.chisquare(freedom, size=seen.errors.shape))
+        return np.asarray(scale * seen.errors)
 
 
 class Outliers(Change):
@@ -45,15 +33,9 @@ class Outliers(Change):
 
     name, high = "outliers", 0.5
 
-    def disturb(
-        self,
-        errors: np.ndarray,
-        clean: np.ndarray,
-        deviations: np.ndarray,
-        rng: np.random.Generator,
-    ) -> np.ndarray:
-        far = rng.random(errors.shape[:2]) < self.dial
-        return np.where(far[..., None], _FAR * errors, errors)
+    def disturb(self, seen: Samples, rng: np.random.Generator) -> np.ndarray:
+        far = rng.random(seen.errors.shape[:2]) < self.dial
+        return np.where(far[..., None], _FAR * seen.errors, seen.errors)
 
 
 class LaggedNoise(Change):
@@ -61,20 +43,14 @@ class LaggedNoise(Change):
 
     name, high = "lagged_noise", 0.99
 
-    def disturb(
-        self,
-        errors: np.ndarray,
-        clean: np.ndarray,
-        deviations: np.ndarray,
-        rng: np.random.Generator,
-    ) -> np.ndarray:
+    def disturb(self, seen: Samples, rng: np.random.Generator) -> np.ndarray:
         # Where nothing is seen, an error that nobody sees takes the place.
-        unseen = deviations * rng.standard_normal(errors.shape)
-        fresh = np.where(np.isnan(errors), unseen, errors)
+        unseen = seen.deviations * rng.standard_normal(seen.errors.shape)
+        fresh = np.where(np.isnan(seen.errors), unseen, seen.errors)
         lagged = fresh.copy()
         for now, new in zip(range(1, len(fresh)), fresh[1:], strict=True):
             lagged[now] = self.dial * lagged[now - 1] + np.sqrt(1 - self.dial**2) * new
-        return np.where(np.isnan(errors), np.nan, lagged)
+        return np.where(np.isnan(seen.errors), np.nan, lagged)
 
 
 class Bias(Change):
@@ -82,15 +58,10 @@ class Bias(Change):
 
     name, unit, high = "bias", "deviations", 10.0
 
-    def disturb(
-        self,
-        errors: np.ndarray,
-        clean: np.ndarray,
-        deviations: np.ndarray,
-        rng: np.random.Generator,
-    ) -> np.ndarray:
+    def disturb(self, seen: Samples, rng: np.random.Generator) -> np.ndarray:
         return np.asarray(
-            errors + self.dial * deviations * rng.choice([-1.0, 1.0], errors.shape[1:])
+            seen.errors
+            + self.dial * seen.deviations * rng.choice([-1.0, 1.0], seen.errors.shape[1:])
         )
 
 
@@ -99,14 +70,8 @@ class ClockOffset(Change):
 
     name, unit, high = "clock_offset", "steps", 1.0
 
-    def disturb(
-        self,
-        errors: np.ndarray,
-        clean: np.ndarray,
-        deviations: np.ndarray,
-        rng: np.random.Generator,
-    ) -> np.ndarray:
-        later = np.concatenate([clean[1:], 2 * clean[-1:] - clean[-2:-1]])
-        moved = errors + self.dial * (later - clean)
-        late = np.arange(errors.shape[1]) % 2 == 0
-        return np.where(late[:, None], errors, moved)
+    def disturb(self, seen: Samples, rng: np.random.Generator) -> np.ndarray:
+        later = np.concatenate([seen.clean[1:], 2 * seen.clean[-1:] - seen.clean[-2:-1]])
+        moved = seen.errors + self.dial * (later - seen.clean)
+        late = np.arange(seen.errors.shape[1]) % 2 == 0
+        return np.where(late[:, None], seen.errors, moved)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.changes import CHANGES, make_change
+from olne_bench.envs.changes.change import Samples
 from olne_bench.envs.changes.plan_costs import PlanCosts
 from olne_bench.envs.recordings.recording import record
 from olne_bench.envs.scenarios import get_scenario
@@ -113,7 +114,7 @@ def samples() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
 
 @pytest.mark.parametrize("name", NOISE)
 def test_what_is_not_seen_stays_unseen(name: str, samples: tuple[np.ndarray, ...]) -> None:
-    found = make_change(name, 0.4).disturb(*samples, np.random.default_rng(0))
+    found = make_change(name, 0.4).disturb(Samples(*samples), np.random.default_rng(0))
     np.testing.assert_array_equal(np.isnan(found), np.isnan(samples[0]))
     assert not np.array_equal(found, samples[0], equal_nan=True)
 
@@ -122,7 +123,7 @@ def test_noise_has_the_moments_that_its_dial_says(samples: tuple[np.ndarray, ...
     errors, _, deviations = samples
 
     def disturbed(name: str, dial: float) -> np.ndarray:
-        found = make_change(name, dial).disturb(*samples, np.random.default_rng(1))
+        found = make_change(name, dial).disturb(Samples(*samples), np.random.default_rng(1))
         return found[10:] / deviations
 
     assert np.std(disturbed("noise_level", 1.0)) == pytest.approx(2.0, rel=0.03)
