@@ -19,10 +19,8 @@ Trust: at very little noise and with full states. It takes errors of the traject
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import ClassVar
 
-import casadi as ca
 import numpy as np
 from scipy.linalg import qr
 from scipy.optimize import nnls
@@ -30,10 +28,10 @@ from scipy.optimize import nnls
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.shared.trajectory_fit import TrajectoryFit, fit_trajectory, warm_up_fit
 from olne_bench.estimators.shared.white_noise import white_problem, with_white_noise
-from olne_bench.games.model.costs import Stage
+from olne_bench.games.compiled.elimination import elimination
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.unknowns import only_weights
-from olne_bench.games.solve.kkt import kkt_system
+from olne_bench.games.solve.newton import pack
 
 
 @dataclass(frozen=True)
@@ -84,7 +82,7 @@ class KktResidual:
     def warm_up(self, problem: Problem) -> None:
         """Build the solvers."""
         problem = white_problem(problem)
-        _residual_functions(problem.game)
+        elimination(problem.game)
         for steps in (problem.game.horizon, problem.game.horizon + 1):
             warm_up_fit(problem.game, problem.view, steps)
 
@@ -112,19 +110,63 @@ def _reduced_residuals(
     game: Game, states: np.ndarray, controls: np.ndarray, last_controls: np.ndarray | None
 ) -> list[np.ndarray]:
     """Per player a matrix M (rows, K) with min_lambda |G^i|^2 = |M theta^i|^2."""
-    stationarity, last_stationarity = _residual_functions(game)
+    by_weights = _by_weights(game, states, controls)
     matrices = []
-    for i in range(game.num_players):
-        in_weights, in_costates = (
-            np.array(block) for block in stationarity[i](states.ravel(), controls.ravel())
-        )
+    for in_weights, in_costates in zip(
+        by_weights, _by_costates(game, states, controls), strict=True
+    ):
         basis, _ = qr(in_costates)
-        rows = (basis.T @ in_weights)[in_costates.shape[1] :]
-        if last_controls is not None:
-            last = last_stationarity[i](states[-1].ravel(), last_controls[i])
-            rows = np.vstack([rows, np.array(last)])
-        matrices.append(rows)
-    return matrices
+        matrices.append((basis.T @ in_weights)[in_costates.shape[1] :])
+    if last_controls is None:
+        return matrices
+    # Of the motion one step later, the rows of its last controls.
+    later = np.concatenate([states[1:], states[-1:]])
+    by_weights = _by_weights(game, later, np.concatenate([controls[1:], last_controls[None]]))
+    last = by_weights[:, -game.dynamics.control_size :]
+    return [np.vstack(both) for both in zip(matrices, last, strict=True)]
+
+
+def _by_weights(game: Game, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
+    """A^i (N, S, K) along a motion; the S rows are those of x_2..x_T, then of u_1..u_{T-1}."""
+    nothing = np.zeros_like(states[1:])
+    alone = np.eye(game.num_weights)
+    found = [_stationarity(game, states, controls, nothing, weights) for weights in alone]
+    return np.stack([np.concatenate(rows, axis=1) for rows in found], axis=-1)
+
+
+def _by_costates(game: Game, states: np.ndarray, controls: np.ndarray) -> np.ndarray:
+    """B^i (N, S, (T-1) n).
+
+    A costate is in the rows of its step's state and control, and in those of the next state by 1.
+    """
+    steps, n = len(controls), game.dynamics.state_size
+    of_states = np.zeros((game.num_players, steps, n, steps, n))
+    of_controls = np.zeros((game.num_players, steps, game.dynamics.control_size, steps, n))
+    now, no_weights = np.arange(steps), np.zeros(game.num_weights)
+    of_states[:, now, :, now] = np.eye(n)
+    for c, one in enumerate(np.eye(n)):
+        costates = np.broadcast_to(one, states[1:].shape)
+        rows = _stationarity(game, states, controls, costates, no_weights)
+        by_state, by_control = (part.reshape(game.num_players, steps, -1) for part in rows)
+        of_states[:, now[:-1], :, now[1:], c] = (by_state[:, :-1] - one).swapaxes(0, 1)
+        of_controls[:, now, :, now, c] = by_control.swapaxes(0, 1)
+    both = of_states, of_controls
+    return np.concatenate([part.reshape(game.num_players, -1, steps * n) for part in both], axis=1)
+
+
+def _stationarity(
+    game: Game, states: np.ndarray, controls: np.ndarray, costates: np.ndarray, weights: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Rows of G of states (N, (T-1) n) and of controls (N, (T-1) m), all players of the weights."""
+    z = pack(game, states, controls, costates, weights)
+    rows = elimination(game).evaluate(z, np.tile(weights, game.num_players))
+    size, (steps, players, m) = states[0].size, controls.shape
+    of_states = rows[1:, :size].reshape(steps, players, -1)
+    of_controls = rows[:-1, size : size + players * m].reshape(controls.shape) / game.dt
+    return (
+        of_states.swapaxes(0, 1).reshape(players, -1),
+        of_controls.swapaxes(0, 1).reshape(players, -1),
+    )
 
 
 def _player_weights(rows: np.ndarray, floor: float) -> tuple[np.ndarray, float]:
@@ -143,29 +185,3 @@ def _player_weights(rows: np.ndarray, floor: float) -> tuple[np.ndarray, float]:
     )
     theta = floor + (1 - count * floor) * phi / phi.sum()
     return theta, float(np.sum((rows @ theta) ** 2))
-
-
-@lru_cache(maxsize=16)
-def _residual_functions(game: Game) -> tuple[list[ca.Function], list[ca.Function]]:
-    """Per player and step: (x, u) -> (A^i, B^i), and (x_T, u_T^i) -> rows of the last control."""
-    system = kkt_system(game)
-    n, m = game.dynamics.state_size, game.dynamics.control_size
-    state_rows = ca.vertsplit(system.stationarity_states, n)
-    control_rows = ca.vertsplit(system.stationarity_controls, m)
-    costates = ca.vertsplit(system.costates, n)
-    weights = ca.vertsplit(system.weights, game.num_weights)
-
-    stationarity, last_stationarity = [], []
-    for i, player in enumerate(game.players):
-        own = slice(i, None, game.num_players)
-        rows = ca.vertcat(*state_rows[own], ca.vertcat(*control_rows[own]) / game.dt)
-        arguments = [system.states, system.controls]
-        blocks = [ca.jacobian(rows, weights[i]), ca.jacobian(rows, ca.vertcat(*costates[own]))]
-        stationarity.append(ca.Function("residual", arguments, blocks))
-
-        state, control = ca.SX.sym("x", n * game.num_players), ca.SX.sym("u", m)
-        stage = Stage(i, tuple(ca.vertsplit(state, n)), control, game.dynamics, game.dt)
-        gradient = ca.gradient(player.running_cost(stage, weights[i]), control) / game.dt
-        last = ca.jacobian(gradient, weights[i])
-        last_stationarity.append(ca.Function("last_residual", [state, control], [last]))
-    return stationarity, last_stationarity

@@ -12,8 +12,8 @@ import numpy as np
 
 from olne_bench.games.compiled.row_functions import RowFunction
 from olne_bench.games.model.costs import StateDeviation
-from olne_bench.games.model.dynamics import Dynamics, dynamics_errors
-from olne_bench.games.model.game import Game, Player, trajectory_symbols
+from olne_bench.games.model.dynamics import Dynamics
+from olne_bench.games.model.game import Game, Player
 from olne_bench.games.model.observation import View, observation_size
 from olne_bench.games.solve.ipopt import QUIET
 
@@ -186,21 +186,70 @@ def _fill_gaps(samples: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=32)
 def _fit_solver(game: Game, view: View, steps: int) -> ca.Function:
-    states, state_blocks = trajectory_symbols("x", (steps, *game.state_shape[1:]))
-    controls, control_blocks = trajectory_symbols("u", (steps - 1, *game.control_shape[1:]))
-    y = ca.SX.sym("y", steps * game.num_players * observation_size(view, game.dynamics))
-    precision, calm = ca.SX.sym("precision", y.numel()), ca.SX.sym("calm")
-    by_player = [
-        dynamics_errors(game.dynamics, own_states, own_controls, game.dt)
-        for own_states, own_controls in zip(
-            zip(*state_blocks, strict=True), zip(*control_blocks, strict=True), strict=True
-        )
-    ]
-    errors = [error for errors in zip(*by_player, strict=True) for error in errors]
-    problem = {
-        "x": ca.vertcat(states, controls),
-        "p": ca.vertcat(y, precision, calm),
-        "f": squared_error(game, view, states, y, precision) + calm * ca.sumsqr(controls),
-        "g": ca.vertcat(*errors),
+    """IPOPT over the states and controls of so many steps.
+
+    Functions of one step are mapped over all of them, derivatives too: those of a whole sequence
+    would take twenty times as long to build.
+    """
+    dynamics, players = game.dynamics, game.num_players
+    n, m, d = dynamics.state_size, dynamics.control_size, observation_size(view, dynamics)
+    samples, moves = players * steps, players * (steps - 1)
+    x, u = ca.MX.sym("x", n, samples), ca.MX.sym("u", m, moves)
+    y, precision = ca.MX.sym("y", d, samples), ca.MX.sym("precision", d, samples)
+    calm, scale, multipliers = ca.MX.sym("calm"), ca.MX.sym("scale"), ca.MX.sym("l", n, moves)
+    loss, loss_hessian = (one.map(samples) for one in _loss_functions(dynamics, view))
+    motion, jacobian, curvature = (one.map(moves) for one in _motion_functions(dynamics, game.dt))
+
+    start, seen, rest = (x[:, :moves], u), (x, y, precision), samples - moves
+    errors = ca.vec(x[:, players:] - motion(*start))
+    in_x, in_u = (_diagonal(part, moves) for part in jacobian(*start))
+    following = ca.horzcat(ca.MX(n * moves, n * rest), ca.MX.eye(n * moves))
+    by_z = ca.horzcat(following - ca.horzcat(in_x, ca.MX(n * moves, n * rest)), -in_u)
+
+    xx, xu, uu = (_diagonal(part, moves) for part in curvature(*start, multipliers))
+    xx = ca.diagcat(xx, ca.MX(n * rest, n * rest))
+    xx += _diagonal(loss_hessian(*seen, scale), samples)
+    uu += 2 * scale * calm * ca.MX.eye(m * moves)
+    above = ca.horzcat(xx, ca.vertcat(xu, ca.MX(n * rest, m * moves)))
+    hessian = ca.triu(ca.vertcat(above, ca.horzcat(ca.MX(m * moves, n * samples), uu)))
+
+    z, p = ca.veccat(x, u), ca.veccat(y, precision, calm)
+    derivatives = {
+        "jac_g": ca.Function("jac_g", [z, p], [errors, by_z]),
+        "hess_lag": ca.Function("hess_lag", [z, p, scale, ca.vec(multipliers)], [hessian]),
     }
-    return ca.nlpsol("trajectory_fit", "ipopt", problem, _OPTIONS)
+    problem = {"x": z, "p": p, "f": ca.sum2(loss(*seen)) + calm * ca.sumsqr(u), "g": errors}
+    return ca.nlpsol("trajectory_fit", "ipopt", problem, _OPTIONS | derivatives)
+
+
+def _diagonal(blocks: ca.MX, count: int) -> ca.MX:
+    """So many blocks side by side, as a function that is mapped returns them, on a diagonal."""
+    diagonal: ca.MX = ca.diagcat(*ca.horzsplit(blocks, blocks.size2() // count))
+    return diagonal
+
+
+def _loss_functions(dynamics: Dynamics, view: View) -> tuple[ca.Function, ca.Function]:
+    """A sample's squared error (x, y, precision), and its Hessian in x times a further factor."""
+    x, scale = ca.SX.sym("x", dynamics.state_size), ca.SX.sym("scale")
+    y, precision = (ca.SX.sym(name, observation_size(view, dynamics)) for name in ("y", "w"))
+    loss = ca.sumsqr(precision * (y - view.expected(x, dynamics)))
+    hessian = ca.hessian(scale * loss, x)[0]
+    seen = [x, y, precision]
+    return ca.Function("loss", seen, [loss]), ca.Function("hessian", [*seen, scale], [hessian])
+
+
+def _motion_functions(
+    dynamics: Dynamics, dt: float
+) -> tuple[ca.Function, ca.Function, ca.Function]:
+    """The next state (x, u); its Jacobians in x and u; Hessian blocks xx, xu, uu of -l'next."""
+    n = dynamics.state_size
+    x, u = ca.SX.sym("x", n), ca.SX.sym("u", dynamics.control_size)
+    multipliers = ca.SX.sym("l", n)
+    following = dynamics.step(x, u, dt)
+    by_both = ca.hessian(-ca.dot(multipliers, following), ca.vertcat(x, u))[0]
+    blocks = [by_both[:n, :n], by_both[:n, n:], by_both[n:, n:]]
+    return (
+        ca.Function("motion", [x, u], [following]),
+        ca.Function("jacobian", [x, u], [ca.jacobian(following, x), ca.jacobian(following, u)]),
+        ca.Function("curvature", [x, u, multipliers], blocks),
+    )
