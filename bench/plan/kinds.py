@@ -12,6 +12,18 @@ from pydantic import Field
 from olne_bench.bench.plan.values import Strict
 
 StudyKind = Literal["trials", "streams", "drives"]
+#: Figures of a study of trials; all but the first two are drawn of each scenario.
+FigureKind = Literal[
+    "scores",
+    "damage",
+    "trial",
+    "errors",
+    "failures",
+    "identifiability",
+    "calibration",
+    "widths",
+    "confusion",
+]
 
 #: Driving straight on, going on with the present controls, a policy that was cloned from players of
 #: the simulator, HighwayEnv's own drivers on its roads, those fitted to the samples so far, and the

@@ -27,7 +27,14 @@ from olne_bench.bench.plan.entries import (
     SensorEntry,
     tables,
 )
-from olne_bench.bench.plan.kinds import REFERENCES, RULES, STOCK_FITTED, Rules, StudyKind
+from olne_bench.bench.plan.kinds import (
+    REFERENCES,
+    RULES,
+    STOCK_FITTED,
+    FigureKind,
+    Rules,
+    StudyKind,
+)
 from olne_bench.bench.plan.values import (
     LABEL_LENGTH,
     Iterations,
@@ -76,6 +83,8 @@ class Suite(Strict):
     metrics: tuple[MetricEntry, ...] = Field(default=(), max_length=MOST_ENTRIES)
     gate: dict[Label, GateLimits] = Field(default_factory=dict)  # limits by estimator label
 
+    figures: tuple[FigureKind, ...] = ()  # what reports draw; none named: all
+
     @model_validator(mode="before")
     @classmethod
     def _usual_salt_and_trajectories(cls, data: Any) -> Any:
@@ -108,9 +117,9 @@ class Suite(Strict):
 
     @model_serializer(mode="wrap")
     def _what_is_set(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Without a kind and rules where they are the usual ones."""
+        """Without kind, rules and figures where they are the usual ones."""
         data: dict[str, Any] = handler(self) | {"rules": self.rules.given}
-        usual = {"kind": "trials", "rules": {}}
+        usual = {"kind": "trials", "rules": {}, "figures": ()}
         return {key: value for key, value in data.items() if usual.get(key) != value}
 
     @property

@@ -40,6 +40,8 @@ from olne_bench.bench.process.messages import StartError
 _ANSWER_SECONDS = 60.0
 #: How long a nursery may take to end [s].
 _END_SECONDS = 2.0
+#: Descriptor of the standard error.
+_ERRORS = 2
 #: Signals that end a process; pygame, which HighwayEnv imports, would end it by another one.
 _FATAL = (signal.SIGILL, signal.SIGFPE, signal.SIGBUS, signal.SIGSEGV)
 #: Variables that a process of foreign code receives, by name and by the beginning of a name.
@@ -193,11 +195,21 @@ def _nursery(output: IO[Any]) -> Nursery:
         return _own
 
 
-def _interpreter(output: IO[Any]) -> Nursery:
+def begin(modules: Sequence[str]) -> None:
+    """Start the nursery of this process, which imports modules meanwhile, unless there is one."""
+    global _own
+    with _lock:
+        if _own is None or _own.gone or _own.owner != os.getpid():
+            _own = _interpreter(_ERRORS, modules)
+
+
+def _interpreter(output: IO[Any] | int, modules: Sequence[str] = ()) -> Nursery:
     """A nursery in a new interpreter; ``output`` is where it says what goes wrong."""
     ours, theirs = socket.socketpair()
     boot = f"import sys; sys.path[:] = {search_path()!r}; "
-    boot += f"from olne_bench.bench.process.nursery import serve; serve({theirs.fileno()})"
+    boot += (
+        f"from olne_bench.bench.process.nursery import serve; serve({theirs.fileno()}, {modules!r})"
+    )
     with theirs:
         process = subprocess.Popen(
             [sys.executable, "-u", "-c", boot],
@@ -228,9 +240,10 @@ def _is_told(name: str) -> bool:
     return name in _VARIABLES or name.startswith(_FAMILIES)
 
 
-def serve(descriptor: int) -> None:
-    """Fork for the parent process until it closes the connection."""
+def serve(descriptor: int, modules: Sequence[str]) -> None:
+    """Import modules, and fork for the parent process until it closes the connection."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver
+    _import(modules)
     _serve(socket.socket(fileno=descriptor))
 
 
@@ -257,9 +270,7 @@ def _end_of(pid: int) -> int:
 
 def _fork(control: socket.socket, birth: Birth, connection: int, output: int, file: int) -> int:
     """Fork a process that serves this one's parent; returns its process id."""
-    for name in birth.modules:
-        with suppress(Exception):  # whoever needs it will say so
-            import_module(name)
+    _import(birth.modules)
     gc.freeze()  # a fork's collections leave its pages alone
     own = os.getpid()
     if pid := os.fork():
@@ -287,6 +298,12 @@ def _fork(control: socket.socket, birth: Birth, connection: int, output: int, fi
         traceback.print_exc()
     finally:
         os._exit(code)
+
+
+def _import(modules: Sequence[str]) -> None:
+    for name in modules:
+        with suppress(Exception):  # whoever needs it will say so
+            import_module(name)
 
 
 def _have_nursery(*private: int) -> None:

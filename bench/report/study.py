@@ -55,6 +55,7 @@ class Study:
     estimators: Mapping[str, EstimatorEntry] = field(default_factory=dict)
     confirmations: tuple[Confirmation, ...] = ()  # what fresh draws said of implausible rows
     scenes: Scenes = field(default_factory=NoScenes)  # its truths and motions
+    figures: tuple[str, ...] = ()  # kinds that are drawn; none named: all
 
     def scenario(self, label: str) -> ScenarioEntry:
         """The scenario with a label, whose plugin may not exist any more; UserError without one."""
@@ -127,7 +128,9 @@ def study_of(suites: Iterable[Suite]) -> Study:
     metrics = {entry.column: _declaration(entry) for suite in suites for entry in suite.metrics}
     own = [one.name for one in BUILT_IN if one.name in metrics]
     ordered = tuple(metrics[name] for name in dict.fromkeys([*own, *metrics]))
-    return Study(ordered or BUILT_IN, salt=suites[-1].salt if suites else "", **entries)
+    if suites:
+        entries |= {"salt": suites[-1].salt, "figures": suites[-1].figures}
+    return Study(ordered or BUILT_IN, **entries)
 
 
 def _declaration(entry: Any) -> MetricDeclaration:

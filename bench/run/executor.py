@@ -4,8 +4,9 @@ A trial that hangs is killed at its limit. If a trial takes its process down, on
 lost: the process is replaced and the others continue.
 """
 
-import itertools
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
+from itertools import groupby
 from pathlib import Path
 
 from olne_bench.bench.plan.outcome import Outcome
@@ -42,13 +43,14 @@ def run_trials(
     Raises:
         UserError: if processes do not start, or the code changes during the run.
     """
-    source = iter(trials)
+    shares = _Shares(trials)
     referees: list[RefereeProcess] = [
         RefereeProcess(log=log, memory=memory, hidden=hidden) for _ in range(jobs)
     ]
     try:
-        for referee, trial in zip(referees, itertools.islice(source, jobs), strict=False):
-            referee.assign(trial)
+        for referee in referees:
+            if (first := shares.next(referee)) is not None:
+                referee.assign(first)
         while busy := [referee for referee in referees if referee.trial is not None]:
             stopping = stop()
             if not stopping:
@@ -60,7 +62,7 @@ def run_trials(
                 if at_work is None or outcome is None:
                     continue
                 ended.append((at_work, outcome))
-                following = None if stopping else next(source, None)
+                following = None if stopping else shares.next(referee)
                 if following is not None:
                     referee.assign(following)  # it works while its last outcome is stored
             yield from ended
@@ -69,3 +71,26 @@ def run_trials(
     finally:
         for referee in referees:
             referee.stop()
+
+
+class _Shares:
+    """Trials for several referees: each keeps to one draw, as truths and solvers are kept there."""
+
+    def __init__(self, trials: Iterable[Trial]) -> None:
+        self._groups = (deque(group) for _, group in groupby(trials, _group))
+        self._own: dict[RefereeProcess, deque[Trial]] = {}
+
+    def next(self, referee: RefereeProcess) -> Trial | None:
+        """The next trial for a referee: of its draw, of another, of one that others are at."""
+        if not self._own.get(referee):
+            others = max(self._own.values(), key=len, default=deque())
+            self._own[referee] = next(self._groups, others)
+        own = self._own[referee]
+        return own.popleft() if own else None
+
+
+def _group(trial: Trial) -> tuple[object, ...]:
+    """What trials have in common that one process should run: a draw, or solvers of one game."""
+    if trial.scenario.family:
+        return trial.suite, trial.scenario.label, trial.plugin, trial.seed
+    return trial.suite, trial.scenario.label, trial.sensor.label, trial.estimator.label

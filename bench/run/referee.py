@@ -11,6 +11,7 @@ from olne_bench.bench.judge.players import Staff, all_seconds, own_seconds
 from olne_bench.bench.plan.draws import opened
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
+from olne_bench.bench.process import nursery
 from olne_bench.bench.process.channel import Channel
 from olne_bench.bench.process.child import (
     ATTEMPTS,
@@ -153,10 +154,16 @@ class RefereeProcess:
 
 def _modules(trial: Trial) -> tuple[str, ...]:
     """What judges a trial, what players need, and its world, as some import HighwayEnv."""
-    return (
-        *(__name__, player.__name__, f"olne_bench.bench.judge.{trial.kind}"),
-        source(SCENARIO, trial.scenario.name)[0],
-    )
+    return *_usual_modules(trial.kind), source(SCENARIO, trial.scenario.name)[0]
+
+
+def _usual_modules(kind: str) -> tuple[str, ...]:
+    return __name__, player.__name__, f"olne_bench.bench.judge.{kind}"
+
+
+def begin() -> None:
+    """Have what judges trials imported while this process goes on."""
+    nursery.begin(_usual_modules("trials"))
 
 
 _staff: Staff | None = None

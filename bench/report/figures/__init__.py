@@ -33,8 +33,8 @@ def draw_figures(
 ) -> tuple[Pictures, list[str]]:
     """Draw ``scores``, ``damage``, and others of each scenario, if there are formats.
 
-    Files are named ``<kind>_<scenario>.png`` and so on. The same trials give the same bytes. What
-    could not be drawn is told, and why.
+    Those of ``study.figures`` alone, if it names any. Files are named ``<kind>_<scenario>.png`` and
+    so on. The same trials give the same bytes. What could not be drawn is told, and why.
     """
     pictures: Pictures = {}
     notes: list[str] = []
@@ -42,6 +42,8 @@ def draw_figures(
         return pictures, notes
 
     def add(kind: str, scenario: str, draw: Callable[[], Figure]) -> None:
+        if study.figures and kind not in study.figures:
+            return
         try:
             figure = draw()
         except NotDrawnError as error:

@@ -34,7 +34,7 @@ def fails(capsys, *arguments):
     ("arguments", "expected"),
     [
         (["run", "nope"], "unknown suite 'nope'; known are: calibration, constrained, driving, d"),
-        (["run", "quick", "--scenario", "x"], "no scenario 'x'; it has: two_player"),
+        (["run", "quick", "--scenario", "x"], "no scenario 'x'; it has: merge, two_player"),
         (["run", "quick", "--sensor", "x"], "no sensor 'x'; it has: full, partial"),
         (["run", "quick", "--estimator", "x"], "no estimator 'x'; it has: kkt_constrained"),
         (["run", "quick", "--sigma", "-1"], "no sigma -1.0; it has: 0.0"),

@@ -25,7 +25,7 @@ def change(suite, **selection):
 
 
 def test_a_part_is_no_change(quick):
-    part = {"estimators": ("uniform",), "sigmas": (0.1,), "scenarios": ("two_player",), "seeds": 2}
+    part = {"estimators": ("uniform",), "sigmas": (0.05,), "scenarios": ("two_player",), "seeds": 2}
     assert change(quick, **part) is quick
 
 

@@ -66,7 +66,7 @@ def test_tables_and_page_are_written(tmp_path: Path) -> None:
     expected |= {"trials.parquet", "leaderboard.md", "leaderboard.tex", "index.html"}
     assert files - {"trials.sqlite", ".lock"} == expected
     board = report.tables.leaderboard
-    assert list(board["trials"]) == [5] * 4
+    assert list(board["trials"]) == [4] * 4
     for name, table in report.tables.by_name().items():
         stored = pd.read_csv(tmp_path / f"{name}.csv")
         assert list(stored) == list(table)
@@ -116,7 +116,7 @@ def test_a_report_plays_and_solves_nothing_and_needs_no_plugin(tmp_path: Path, e
     assert not used & {"games.solve.information", "games.solve.root_following", "mine"}
     assert not [note for note in notes if "trajectories" in note or "known" in note]
     assert len(pd.read_csv(tmp_path / "identifiability.csv")) == 2 * 8
-    assert {"trial_mine.png", "identifiability_mine.png"} <= {
+    assert {"trial_mine.png", "errors_mine.png"} <= {
         path.name for path in (tmp_path / "figures").iterdir()
     }
     data = embedded((tmp_path / "index.html").read_text(encoding="utf-8"))

@@ -24,7 +24,7 @@ def test_the_first_pair_that_does_not_fit_is_named() -> None:
     with pytest.raises(UserError) as caught:
         check_fit(suite({"label": "full", "name": "full"}, UNFIT))
     said = str(caught.value)
-    assert said.startswith("suite 'quick': sensor 'odd' does not fit scenario 'two_player': ")
+    assert said.startswith("suite 'quick': sensor 'odd' does not fit scenario 'merge': ")
     assert "\n" not in said
     assert len(said) > 80
 

@@ -10,7 +10,7 @@ from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.select import Selection, select
 from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.process.child import TICK
-from olne_bench.bench.run.executor import run_trials
+from olne_bench.bench.run.executor import _Shares, run_trials
 
 PART = Selection(scenarios=("two_player",), sensors=("full",), sigmas=(0.05,))
 
@@ -288,3 +288,19 @@ def test_a_run_waits_for_what_it_has_begun_and_stops_when_asked(tmp_path):
     assert found[0][1] == "ok"
     # It sleeps between calls instead of polling all the time.
     assert len(asked) <= 2 * (asked[-1] - asked[0]) / TICK + 20
+
+
+def test_a_referee_keeps_to_a_draw_and_helps_with_others_at_the_end() -> None:
+    quick = load_suite("quick")
+    part = select(quick, Selection(sensors=("full",), estimators=("uniform",), seeds=2))
+    trials = [*expand(part)]
+    shares, referees = _Shares(trials), [object(), object()]
+    given = [shares.next(referees[k % 2]) for k in range(len(trials))]
+    first = {(trial.scenario.label, trial.seed) for trial in given[:6:2]}
+    second = {(trial.scenario.label, trial.seed) for trial in given[1:6:2]}
+    assert len(first) == len(second) == 1 and first != second
+    assert {trial.key for trial in given} == {trial.key for trial in trials}
+    # One that is left with nothing takes from the other's draw.
+    shares = _Shares(trials[:3])
+    assert [shares.next(referees[0]), shares.next(referees[1])] == trials[:2]
+    assert (shares.next(referees[1]), shares.next(referees[0])) == (trials[2], None)
