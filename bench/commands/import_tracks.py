@@ -1,16 +1,21 @@
 """``olne-bench import``: make a recording from a user's own tracks."""
 
-import csv
+from functools import partial
 from pathlib import Path
 
 import click
 import numpy as np
 
 from olne_bench.bench.text import one_line
-from olne_bench.envs.recordings.recording_file import write_recording
+from olne_bench.envs.recordings.recording_file import RecordingFile, write_recording
 from olne_bench.envs.tracks.grid import Excerpt, Frame
-from olne_bench.envs.tracks.reading import read_tracks
+from olne_bench.envs.tracks.groups import Group, grid_and_road, groups_in
+from olne_bench.envs.tracks.reading import ANY, read_tracks
+from olne_bench.errors import UserError
 from olne_bench.files import check_new_file
+
+#: Largest number of cars of a group, as ``olne-bench groups`` has it.
+MOST_OF_GROUP = 5
 
 
 def import_tracks(
@@ -19,7 +24,8 @@ def import_tracks(
     format_name: str,
     road: Path | None,
     window: tuple[float, float] | None,
-    players: str | None,
+    players: tuple[str, ...],
+    group: int | None,
     resample: float | None,
     part: str | None,
     flip_y: bool,
@@ -28,18 +34,25 @@ def import_tracks(
 ) -> None:
     """Make a recording from TRACKS, whose true weights are unknown."""
     check_new_file("--out", out, (".parquet",))
-    names = next(csv.reader([players or ""], skipinitialspace=True), [])
-    imported = read_tracks(
-        tracks,
-        format_name,
-        excerpt=Excerpt(window, tuple(name.strip() for name in names), resample),
-        frame=Frame(flip_y, float(np.deg2rad(rotate)), shift),
-        road=road,
-        part=part,
-    )
+    frame = Frame(flip_y, float(np.deg2rad(rotate)), shift)
+    read = partial(read_tracks, tracks, format_name, frame=frame, road=road, part=part)
+    if group is not None:
+        if players:
+            raise UserError("--group and --players: give one of them")
+        whole = read(excerpt=Excerpt(window, most=ANY)).recording
+        chosen = _group(tracks, whole, group)
+        players, window = chosen.players, chosen.window
+    imported = read(excerpt=Excerpt(window, players, resample))
     for note in imported.notes:
         click.echo(one_line(note), err=True)
     write_recording(out, imported.recording)
     steps, count, _ = imported.recording.states[0].shape
     step = imported.recording.metadata.dt
     click.echo(f"{out}: {count} players, {steps} steps of {step:.6g} s")
+
+
+def _group(tracks: Path, whole: RecordingFile, number: int) -> Group:
+    found = groups_in(*grid_and_road(whole), MOST_OF_GROUP)
+    if number > len(found):
+        raise UserError(f"--group {number}: 'olne-bench groups {tracks}' lists {len(found)}")
+    return found[number - 1]

@@ -1,5 +1,6 @@
 """What the commands' interfaces share: a command that imports its work late, types, options."""
 
+import csv
 import json
 import math
 import re
@@ -62,6 +63,12 @@ def number_pair(text: str) -> tuple[float, float]:
     if not (math.isfinite(first) and math.isfinite(second)):
         raise click.BadParameter(f"{text!r} is not a pair of finite numbers.")
     return first, second
+
+
+def names(text: str) -> tuple[str, ...]:
+    """Names, separated by commas; in quotes if they have commas."""
+    found = next(csv.reader([text], skipinitialspace=True), [])
+    return tuple(name.strip() for name in found)
 
 
 def window(text: str) -> tuple[float, float]:

@@ -59,6 +59,7 @@ class Excerpt:
     #: Names in the wanted order. Default: all that are seen often enough.
     players: tuple[str, ...] = ()
     step: float | None = None  # time step of the result [s]. Default: that of the data
+    most: int = MOST_PLAYERS  # largest number of players
 
 
 @dataclass(frozen=True)
@@ -89,10 +90,10 @@ def on_grid(path: Path, table: pd.DataFrame, excerpt: Excerpt) -> Grid:
     else:
         times = _resampled_times(path, table, excerpt.step)
     names = list(excerpt.players) or list(table["player"].unique())
-    if len(names) > MOST_PLAYERS:
+    if len(names) > excerpt.most:
         raise UserError(
-            f"{path}: {len(names)} players, a game has at most {MOST_PLAYERS}; choose a shorter "
-            f"--window or --players; there are: {listed(names)}"
+            f"{path}: {len(names)} players, a game has at most {excerpt.most}; 'olne-bench groups' "
+            f"finds those that interact; choose by --players; there are: {listed(names)}"
         )
     by_player = dict(list(table.groupby("player", sort=False)))
     bridged = _BRIDGED if excerpt.step else 0.0

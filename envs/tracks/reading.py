@@ -10,10 +10,11 @@ from olne_bench.envs.recordings.recording_file import (
     Metadata,
     RecordingFile,
     library_versions,
+    read_recording,
 )
 from olne_bench.envs.track_formats import get_format
 from olne_bench.envs.track_formats.sumo import read_net
-from olne_bench.envs.tracks.checks import check_positions, check_table, check_units
+from olne_bench.envs.tracks.checks import check_positions, check_table, unit_problems
 from olne_bench.envs.tracks.grid import Excerpt, Frame, Grid, on_grid
 from olne_bench.envs.tracks.lanelet2_map import read_lanelets
 from olne_bench.envs.tracks.road import Road
@@ -25,6 +26,10 @@ from olne_bench.errors import UserError, bad_input
 
 #: Lanes of a map that are farther from all players are left out [m].
 _NEAR = 30.0
+#: Number of players of a file that is no game.
+ANY = 10_000
+#: Share of players who may be odd where the others are not.
+_ODD = 0.1
 _NOWHERE = np.empty((0, 2))
 
 
@@ -62,9 +67,33 @@ def read_tracks(
     table = (frame or Frame()).apply(table)
     grid = on_grid(path, table, excerpt or Excerpt())
     check_positions(path, grid.states, grid.players)
-    check_units(path, grid.states, grid.step, grid.players)
+    grid = _plausible(path, grid, excerpt or Excerpt())
     known, more = _road(path, road, tracks, grid)
     return Imported(_recording(grid, known), (*notes, *grid.notes, *more))
+
+
+def read_whole(
+    path: Path, format_name: str = "csv", road: Path | None = None, part: str | None = None
+) -> RecordingFile:
+    """A recording (``.parquet``), or a file of tracks with any number of players."""
+    if path.suffix == ".parquet":
+        return read_recording(path)
+    return read_tracks(path, format_name, excerpt=Excerpt(most=ANY), road=road, part=part).recording
+
+
+def _plausible(path: Path, grid: Grid, excerpt: Excerpt) -> Grid:
+    """The grid without a few odd players whom nobody named; UserError where units are wrong."""
+    problems = unit_problems(path, grid.states, grid.step, grid.players)
+    first = next(iter(problems.values()), "")
+    if problems and (excerpt.players or len(problems) > _ODD * len(grid.players)):
+        raise UserError(first)
+    if not problems:
+        return grid
+    kept = [k for k, name in enumerate(grid.players) if name not in problems]
+    more = f" and {len(problems) - 1} more like it" if len(problems) > 1 else ""
+    note = f"left out: {first}{more}"
+    players = [grid.players[k] for k in kept]
+    return Grid(grid.times, players, grid.states[:, kept], (*grid.notes, note))
 
 
 def _road(

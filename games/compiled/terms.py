@@ -1,8 +1,9 @@
 """The cost of one player at one stage as a sum of terms, each a function of few players.
 
 A feature that looks at its own player only belongs to that player's term. One that is a sum over
-others belongs to a term for each pair, and all pairs share the functions of one. Any other feature
-makes a term of everybody. So what is derived and compiled does not grow with the players.
+others belongs to a term for each pair, and all pairs share the functions of one; one that names the
+players that it looks at, to a term of these. Any other feature makes a term of everybody. So what
+is derived and compiled does not grow with the players.
 """
 
 from collections.abc import Sequence
@@ -13,7 +14,7 @@ import casadi as ca
 import numpy as np
 
 from olne_bench.games.compiled.stage_patterns import Pattern, half, named_functions, nonzeros, stack
-from olne_bench.games.model.costs import Feature, Stage
+from olne_bench.games.model.costs import Feature, Stage, Watching
 from olne_bench.games.model.dynamics import Dynamics
 from olne_bench.games.model.game import Player
 from olne_bench.games.model.numbers import Structure, numbers_of, with_symbols
@@ -194,17 +195,31 @@ def terms_of(structure: Structure) -> list[Term]:
     count, dynamics = len(structure.players), structure.dynamics
     for i, player in enumerate(structure.players):
         reaches = [reach(feature, i, count, dynamics) for feature in player.features]
-        kind = TermKind(player, tuple(r != "all" for r in reaches), 1, 0, False, dynamics)
+        named = [f.watched if isinstance(f, Watching) else () for f in player.features]
+        player = player.changed(_in_order)
+        alone = tuple(r not in ("all", "named") for r in reaches)
+        kind = TermKind(player, alone, 1, 0, False, dynamics)
         own.append(Term(kind, i, (i,)))
         if "pair" in reaches:
             included = tuple(r == "pair" for r in reaches)
             kind = replace(kind, included=included, count=2, is_pair=True)
             coupled += [Term(kind, i, (i, j)) for j in range(count) if j != i]
+        for watched in dict.fromkeys(filter(None, named)):
+            included = tuple(own == watched for own in named)
+            kind = TermKind(player, included, 1 + len(watched), 0, False, dynamics)
+            coupled.append(Term(kind, i, (i, *watched)))
         if "all" in reaches:
             included = tuple(r == "all" for r in reaches)
             kind = TermKind(player, included, count, i, False, dynamics)
             coupled.append(Term(kind, i, tuple(range(count))))
     return own + coupled
+
+
+def _in_order(feature: Feature) -> Feature:
+    """The feature, the players that it names being those after its own, so that functions fit."""
+    if not isinstance(feature, Watching):
+        return feature
+    return feature.watching(tuple(range(1, 1 + len(feature.watched))))
 
 
 def _value(feature: Feature, stage: Stage) -> ca.SX | float:
@@ -218,8 +233,10 @@ def reach(feature: Feature, player: int, count: int, dynamics: Dynamics) -> str:
     """Of which players the states decide what a feature costs a player.
 
     ``own``: of the player alone. ``pair``: a sum over others, each part depends on the two.
-    ``all``: neither.
+    ``named``: of those that it names. ``all``: none of these.
     """
+    if isinstance(feature, Watching):
+        return "named" if feature.watched else "own"
     states = [ca.SX.sym(f"x{j}", dynamics.state_size) for j in range(count)]
     control = ca.SX.sym("u", dynamics.control_size)
     numbers = ca.SX.sym("numbers", len(numbers_of(feature)))

@@ -8,7 +8,7 @@ them.
 """
 
 from collections.abc import Hashable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol, runtime_checkable
 
 import casadi as ca
@@ -72,6 +72,46 @@ class Resizable(Protocol):
 
     def resized(self, size: int) -> Feature:
         """An equal feature whose structure depends on the given size alone."""
+
+
+@runtime_checkable
+class Watching(Protocol):
+    """A feature that looks at some other players alone, by their indices."""
+
+    @property
+    def watched(self) -> tuple[int, ...]:
+        """Indices of these players."""
+
+    def watching(self, players: tuple[int, ...]) -> Feature:
+        """The same feature with others in their place."""
+
+
+@dataclass(frozen=True)
+class Following:
+    """``scale * (speed - speed of the leader)^2`` at every step: nothing without a leader.
+
+    The leader is a player's index, -1 for none. The states need a ``speed``.
+    """
+
+    leader: int
+    scale: float = 1.0
+    name: str = "following"
+
+    @property
+    def watched(self) -> tuple[int, ...]:
+        return (self.leader,) if self.leader >= 0 else ()
+
+    def watching(self, players: tuple[int, ...]) -> "Following":
+        return replace(self, leader=players[0] if players else -1)
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        if self.leader < 0:
+            return 0.0
+        speed = stage.dynamics.state_names.index("speed")
+        return self.scale * (stage.own_state("speed") - stage.states[self.leader][speed]) ** 2
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return self.running_cost(stage)
 
 
 @dataclass(frozen=True)

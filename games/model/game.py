@@ -23,7 +23,7 @@ from olne_bench.games.model.constraints import (
     constraint_unknowns,
     described,
 )
-from olne_bench.games.model.costs import Feature, Stage
+from olne_bench.games.model.costs import Feature, Stage, Watching
 from olne_bench.games.model.dynamics import Dynamics
 from olne_bench.games.model.unknowns import Parameters, Unknown, unknowns_of, with_unknowns
 
@@ -102,11 +102,22 @@ class Game:
                     f"player {index} has the preferences {names}, "
                     f"player 0 has {self.weight_names}: all players need the same"
                 )
+        for index, player in enumerate(self.players):
+            self._check_watched(index, player)
         if len(set(self.weight_names)) != len(self.weight_names):
             raise ValueError(f"preferences need different names, got {self.weight_names}")
         check_constraints(self.constraints, self.num_players, self.horizon, self.dynamics, self.dt)
         if self.constraints:
             listed_unknowns(self.players, self.constraints)
+
+    def _check_watched(self, index: int, player: Player) -> None:
+        for feature in player.features:
+            for other in feature.watched if isinstance(feature, Watching) else ():
+                if other == index or not 0 <= other < self.num_players:
+                    raise ValueError(
+                        f"feature {feature.name!r} of player {index} looks at player {other}: "
+                        f"expected another one of the players 0 to {self.num_players - 1}"
+                    )
 
     def __repr__(self) -> str:
         """One line: players, time, motion model, weights and what else is special."""

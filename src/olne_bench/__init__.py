@@ -32,6 +32,7 @@ _HOMES = {
     "observe": "front.observing",
     "parallel_env": "front.worlds",
     "population": "front.pooling",
+    "predict": "front.predicting",
     "problem": "front.observing",
     "read": "front.studies",
     "run": "front.studies",

@@ -17,6 +17,7 @@ from olne_bench.front.observing import observe as observe
 from olne_bench.front.observing import problem as problem
 from olne_bench.front.pooling import estimate_together as estimate_together
 from olne_bench.front.pooling import population as population
+from olne_bench.front.predicting import predict as predict
 from olne_bench.front.studies import read as read
 from olne_bench.front.studies import run as run
 from olne_bench.front.worlds import parallel_env as parallel_env
@@ -52,6 +53,7 @@ __all__ = [
     "observe",
     "parallel_env",
     "population",
+    "predict",
     "problem",
     "read",
     "run",

@@ -11,7 +11,7 @@ COMMANDS = {
     for one in (
         *(plugins.check, plugins.list_all, plugins.new),
         *(recordings.estimate, recordings.export, recordings.film),
-        *(recordings.import_tracks, recordings.record),
+        *(recordings.groups, recordings.import_tracks, recordings.predict, recordings.record),
         *(studies.compare, studies.confirm, studies.draws, studies.gate, studies.merge),
         *(studies.report, studies.run, studies.status, studies.submit, studies.verify),
     )

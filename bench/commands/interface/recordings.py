@@ -8,6 +8,7 @@ from olne_bench.bench.commands.options import (
     FiniteRange,
     command,
     memory_option,
+    names,
     number_pair,
     several,
     shown,
@@ -61,7 +62,14 @@ def record() -> None:
 @click.option("--window", type=window, metavar="FROM,TO", help="First and last time [s].")
 @click.option(
     "--players",
+    type=names,
+    default="",
     help="Names, separated by commas; in quotes if they have commas. Default: all vehicles.",
+)
+@click.option(
+    "--group",
+    type=click.IntRange(min=1),
+    help="Take the players and times of this group of 'olne-bench groups'.",
 )
 @click.option(
     "--resample",
@@ -81,6 +89,42 @@ def import_tracks() -> None:
     seen. Pedestrians, cyclists and what is parked are left out unless --players names them.
     --flip-y, --rotate and --shift bring tracks into the frame of the lanes; they do not move the
     lanes.
+    """
+
+
+@command()
+@click.argument("tracks", type=PATH)
+@shown("--format", "format_name", default="csv", metavar="|".join(FORMATS), help="What TRACKS is.")
+@click.option("--road", type=PATH, help="Lanes, as for 'olne-bench import'.")
+@click.option("--window", type=window, metavar="FROM,TO", help="First and last time [s].")
+@click.option("--part", help="Part of a file whose player names repeat.")
+@shown("--most", type=click.IntRange(2, 20), default=5, help="Largest number of cars of a group.")
+@shown("--rows", type=click.IntRange(min=1), default=10, help="Number of groups to list.")
+def groups() -> None:
+    """List the cars in TRACKS that interact, the strongest groups first, and say why.
+
+    A car follows another, changes into its lane ahead of it, or crosses its way within seconds.
+    """
+
+
+@command()
+@click.argument("tracks", type=PATH)
+@shown("--format", "format_name", default="csv", metavar="|".join(FORMATS), help="What TRACKS is.")
+@click.option("--road", type=PATH, help="Lanes, as for 'olne-bench import'.")
+@click.option("--part", help="Part of a file whose player names repeat.")
+@click.option("--at", type=FiniteRange(), help="Last time that is seen [s]. Default: the last one.")
+@shown("--ahead", type=FiniteRange(min=0), default=3.0, help="How far to look ahead [s].")
+@click.option(
+    "--players", type=names, default="", help="Whom to predict, separated by commas. Default: all."
+)
+@click.option("--out", type=PATH, help="New CSV file of positions and errors.")
+@click.option("--picture", type=PATH, help="New PNG, SVG or PDF file.")
+def predict() -> None:
+    """Predict where the cars in TRACKS, or in a recording, will be.
+
+    Each car plays a game with those ahead of it in its lane (scenario 'following', equal weights).
+    Beside it stands driving straight on along the lane. Where the file goes on after --at, errors
+    are shown. Regions are those that held 90 % of recorded drivers.
     """
 
 

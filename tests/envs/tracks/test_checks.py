@@ -23,10 +23,10 @@ def states(speed: float = 8.0, heading: float = 0.7, count: int = 13) -> np.ndar
     return np.stack([still, moving], axis=1)
 
 
-def said_of(told: np.ndarray, dt: float = DT) -> str:
+def said_of(told: np.ndarray, players: list[str] = NAMES, dt: float = DT) -> str:
     """The message of the check on states; empty if they pass."""
     try:
-        check_units(PATH, told, dt, NAMES)
+        check_units(PATH, told, dt, players)
     except UserError as error:
         return str(error)
     return ""
@@ -110,10 +110,14 @@ def test_speeds_and_displacements_agree_to_a_factor_of_two(factor: float, refuse
 
 def test_speeds_of_those_who_hardly_move_are_not_compared() -> None:
     told = states()
-    told[:, 0, 3] = 0.04
+    told[:, 0, 3] = 1.9
     assert not said_of(told)
-    told[:, 0, 3] = 0.06
-    assert "'still' has a mean speed of 0.06" in said_of(told)
+    told[:, 0, 3] = 2.1
+    assert "'still' has a mean speed of 2.1" in said_of(told)
+    alone = told[:, :1]
+    for speed, refused in ((0.04, False), (0.06, True)):
+        alone[:, 0, 3] = speed
+        assert bool(said_of(alone, NAMES[:1])) == refused
 
 
 def test_speeds_are_means_over_the_windows_that_displacements_span() -> None:

@@ -1,0 +1,232 @@
+"""What recorded drivers do next: each plays the game ``following`` with those ahead of it.
+
+A car's game has its leader, the leader's leader and so on. Everybody has the same weights, goes on
+in its lane and, where it has no leader, at its present speed. Beside it stands driving on along the
+lane at constant speed, which needs no game.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from olne_bench.envs.scenarios.following import CAR, driver
+from olne_bench.envs.tracks.grid import Grid, Motion
+from olne_bench.envs.tracks.leaders import Scene, Standing, standing, way_on
+from olne_bench.envs.tracks.road import Road, locate
+from olne_bench.envs.tracks.table import STATE_NAMES
+from olne_bench.errors import UserError
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.lanes import StraightLane
+from olne_bench.games.solve.olne import solve_olne
+
+#: Cars of one game: a car and those ahead of it.
+MOST = 5
+STEP = 0.2  # [s] of predictions
+LONGEST = 20.0  # [s]
+#: Seconds over whose samples the present speed is a mean.
+_PRESENT = 0.5
+#: 90 % of recorded drivers are within ``_SPREAD * t**_GROWTH`` [m] of the game, along and across.
+_SPREAD, _GROWTH = np.array([0.65, 0.2]), np.array([1.6, 0.9])
+_AHEAD = 1e3  # [m] of the way of a car that is in no lane
+_LENGTH = 1e4  # [m] of lanes, beyond what anybody drives
+#: Why a car has no game.
+NO_LANE, NO_LEADER, NO_ROOT = "in no lane", "no leader", "no equilibrium found"
+
+
+@dataclass(frozen=True)
+class Foreseen:
+    """What is predicted of one car.
+
+    Attributes:
+        player: its name.
+        leaders: those ahead of it, the nearest first.
+        times: (S,) seconds after the last sample that was seen, 0 first.
+        game: (S, 2) positions [m] by the game; those of ``straight`` where there is none.
+        straight: (S, 2) positions at constant speed along the lane.
+        way: (P, 2) points of the way on.
+        recorded: (S, 2) what has happened, NaN where it is not known.
+        why: why there is no game; empty where there is one.
+    """
+
+    player: str
+    leaders: tuple[str, ...]
+    times: np.ndarray
+    game: np.ndarray
+    straight: np.ndarray
+    way: np.ndarray
+    recorded: np.ndarray
+    why: str = ""
+
+    @property
+    def half_widths(self) -> np.ndarray:
+        """(S, 2) halves of the 90 % regions along the way and across it [m] (docs/people.md)."""
+        return np.asarray(self.times[:, None] ** _GROWTH * _SPREAD)
+
+    def errors(self, positions: np.ndarray) -> np.ndarray:
+        """(S, 2) errors of predicted positions along the way and across it [m], left positive."""
+        return np.asarray(_places(self.way, positions) - _places(self.way, self.recorded))
+
+
+@dataclass(frozen=True)
+class _OnWay:
+    """A car in coordinates of a way: its state is along [m], left [m], heading off [rad], speed."""
+
+    along: float
+    left: float
+    off: float
+    speed: float
+
+
+def predict_cars(
+    grid: Grid,
+    road: Road,
+    at: float,
+    ahead: float,
+    *,
+    players: Sequence[str] = (),
+    weights: np.ndarray | None = None,
+    most: int = MOST,
+) -> list[Foreseen]:
+    """Predict cars from a time on.
+
+    Args:
+        grid: what was recorded; samples after ``at`` are only compared with.
+        road: its lanes.
+        at: the last sample that is seen [s].
+        ahead: how far to look ahead [s].
+        players: whom to predict. Default: all who are seen at that time.
+        weights: (4,) of the leader's speed, the own, acceleration and steering. Default: equal.
+        most: number of cars in a game.
+
+    Raises:
+        UserError: on a time at which nothing is seen, or a player who is not seen then.
+    """
+    last = _sample(grid, at)
+    if not STEP <= ahead <= LONGEST:
+        raise UserError(f"--ahead {ahead:g}: expected {STEP:g} to {LONGEST:g} s")
+    names = list(STATE_NAMES.values())
+    cars = {}
+    for i, name in enumerate(grid.players):
+        motion = Motion.of(grid.states[: last + 1, i], names, grid.step)
+        car = standing(motion, last)
+        if car is not None:
+            cars[name] = Standing(car.position, car.heading, _present_speed(motion, grid.step))
+    missing = [name for name in players if name not in cars]
+    if missing or not cars:
+        who = f"player {missing[0]!r}" if missing else "nobody"
+        there = ", ".join([*cars][:8]) or "none"
+        raise UserError(f"{who} is seen moving at {grid.times[last]:g} s; there are: {there}")
+    scene, times = Scene(road, cars), STEP * np.arange(round(ahead / STEP) + 1)
+    theta = np.full(4, 0.25) if weights is None else np.asarray(weights, dtype=float)
+    return [
+        _foreseen(scene, name, times, theta, most, _recorded(grid, last, times, name))
+        for name in players or cars
+    ]
+
+
+def prediction_table(found: Sequence[Foreseen]) -> pd.DataFrame:
+    """A row for each car and time: positions and errors, ``along`` and ``left`` of the way [m]."""
+    parts = []
+    for one in found:
+        columns = {"player": one.player, "leader": (*one.leaders, "")[0], "time": one.times}
+        for name in ("game", "straight", "recorded"):
+            columns[f"{name}_x"], columns[f"{name}_y"] = getattr(one, name).T
+        for name in ("game", "straight"):
+            errors = one.errors(getattr(one, name))
+            columns[f"{name}_along"], columns[f"{name}_left"] = errors.T
+        columns["along_90"], columns["left_90"] = one.half_widths.T
+        parts.append(pd.DataFrame(columns | {"note": one.why}))
+    return pd.concat(parts, ignore_index=True)
+
+
+def _sample(grid: Grid, at: float) -> int:
+    """Index of the last sample at a time [s]."""
+    if not grid.times[0] - 1e-6 <= at <= grid.times[-1] + 1e-6:
+        raise UserError(
+            f"--at {at:g}: the recording has times from {grid.times[0]:g} to {grid.times[-1]:g} s"
+        )
+    return int(np.searchsorted(grid.times, at + 1e-6, side="right")) - 1
+
+
+def _present_speed(motion: Motion, dt: float) -> float:
+    recent = np.abs(motion.speeds[-max(1, round(_PRESENT / dt)) :])
+    return float(np.nanmean(recent))
+
+
+def _recorded(grid: Grid, last: int, times: np.ndarray, name: str) -> np.ndarray:
+    """(S, 2) recorded positions at times after a sample; NaN where there are none."""
+    own = grid.states[:, grid.players.index(name), :2]
+    at, wanted = grid.times - grid.times[last], times.clip(max=grid.times[-1] - grid.times[last])
+    columns = [np.interp(wanted, at, own[:, k]) for k in range(2)]  # NaN stays around gaps
+    known = times <= grid.times[-1] - grid.times[last] + 1e-6
+    return np.where(known[:, None], np.stack(columns, axis=1), np.nan)
+
+
+def _foreseen(
+    scene: Scene, name: str, times: np.ndarray, theta: np.ndarray, most: int, recorded: np.ndarray
+) -> Foreseen:
+    car, lane = scene.cars[name], scene.lanes.get(name)
+    if lane is None:
+        toward = np.array([np.cos(car.heading), np.sin(car.heading)])
+        straight = car.position + car.speed * times[:, None] * toward
+        way = car.position + _AHEAD * np.array([[0.0, 0.0], toward])
+        return Foreseen(name, (), times, straight, straight, way, recorded, NO_LANE)
+    line = way_on(scene.road, lane)
+    first, *leaders = scene.chain(name, most)
+    drivers = [_on_way(line, scene.cars[member]) for member in (first, *leaders)]
+    own = drivers[0]
+    straight = _points(line, own.along + car.speed * times, np.full(len(times), own.left))
+    game, why = straight, NO_LEADER
+    if leaders:
+        played = _played(drivers, len(times), theta)
+        why = NO_ROOT if played is None else ""
+        game = straight if played is None else _points(line, *played.T)
+    return Foreseen(name, tuple(leaders), times, game, straight, line, recorded, why)
+
+
+def _on_way(line: np.ndarray, car: Standing) -> _OnWay:
+    (along, left), heading = _places(line, car.position[None])[0], locate(line, car.position[None])
+    off = (car.heading - heading.heading[0] + np.pi) % (2 * np.pi) - np.pi
+    return _OnWay(float(along), float(left), float(off), car.speed)
+
+
+def _places(line: np.ndarray, positions: np.ndarray) -> np.ndarray:
+    """Distances (S, 2) along a line and to its left [m], beyond its ends as well."""
+    place = locate(line, positions)
+    ahead = np.stack([np.cos(place.heading), np.sin(place.heading)], axis=1)
+    off = positions - _points(line, place.along, np.zeros(len(positions)))
+    along = place.along + (off * ahead).sum(axis=1)
+    return np.stack([along, ahead[:, 0] * off[:, 1] - ahead[:, 1] * off[:, 0]], axis=1)
+
+
+def _points(line: np.ndarray, along: np.ndarray, left: np.ndarray) -> np.ndarray:
+    """Points (S, 2) at distances along a line and to its left [m]; straight on beyond it."""
+    steps = np.diff(line, axis=0)
+    lengths = np.linalg.norm(steps, axis=1)
+    starts = np.concatenate([[0.0], np.cumsum(lengths)[:-1]])
+    k = (np.searchsorted(starts, along, side="right") - 1).clip(0, len(steps) - 1)
+    unit = steps[k] / lengths[k][:, None]
+    normal = np.stack([-unit[:, 1], unit[:, 0]], axis=1)
+    return np.asarray(line[k] + (along - starts[k])[:, None] * unit + left[:, None] * normal)
+
+
+def _played(drivers: Sequence[_OnWay], steps: int, theta: np.ndarray) -> np.ndarray | None:
+    """Places (S, 2) of the first driver in the game of all; None without an equilibrium.
+
+    In coordinates of the way every lane is straight, and each driver keeps to its place in it.
+    """
+    count = len(drivers)
+    players = tuple(
+        driver(
+            leader=k + 1 if k + 1 < count else -1,
+            target_speed=one.speed,
+            route=(StraightLane((0.0, one.left), (1.0, 0.0), _LENGTH),),
+            dt=STEP,
+        )
+        for k, one in enumerate(drivers)
+    )
+    start = np.array([[one.along, one.left, one.off, one.speed] for one in drivers])
+    found = solve_olne(Game(players, CAR, steps, STEP), np.tile(theta, (count, 1)), start)
+    return found.states[:, 0, :2] if found.certificate.passed else None
