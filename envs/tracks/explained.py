@@ -7,6 +7,8 @@ The targets of a player (speed, lane, goal) are taken, in this order,
 - from the ``scenario``, if all of its players have the same;
 - from the ``data``: the median speed, the lanes that were driven, the last position.
 
+Whom a player follows is read off the data, at the last sample.
+
 Costs are sums over steps. If tracks have another time step than the scenario, efforts and goals are
 rescaled, so that weights keep their meaning.
 """
@@ -22,11 +24,18 @@ from olne_bench.envs.roads.road_scenario import RoadFamily
 from olne_bench.envs.scenarios import check_options, get_scenario, is_family, scenario_options
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
 from olne_bench.envs.tracks.grid import Motion, roughness
+from olne_bench.envs.tracks.leaders import Scene, standing
 from olne_bench.envs.tracks.matching import check_on_road, driven, lane_warnings, route
 from olne_bench.envs.tracks.road import Road
 from olne_bench.envs.tracks.road_file import PlayerEntry, RoadFile, road_of_scenario, route_curves
 from olne_bench.errors import UserError
-from olne_bench.games.model.costs import ControlEffort, Feature, FinalGoal, StateDeviation
+from olne_bench.games.model.costs import (
+    ControlEffort,
+    Feature,
+    FinalGoal,
+    Following,
+    StateDeviation,
+)
 from olne_bench.games.model.game import Player
 from olne_bench.games.model.lanes import LaneKeeping, StraightLane
 
@@ -85,6 +94,8 @@ class Targets:
     motion: Motion
     known: Known  # sources of targets
     drawn: Player | None  # the scenario's player with the same start, or None
+    leader: int = -1  # index of whom it follows, -1 for nobody
+    names: Sequence[str] = ()  # of all players
     assumptions: list[Assumption] = field(default_factory=list)  # assumptions made so far
 
     def __post_init__(self) -> None:
@@ -101,7 +112,14 @@ class Targets:
             return self._goal(term)
         if isinstance(term, LaneKeeping):
             return self._lanes(term)
+        if isinstance(term, Following):
+            return self._following(term)
         return term
+
+    def _following(self, term: Following) -> Feature:
+        whom = self.names[self.leader] if self.leader >= 0 else "nobody"
+        self._note("leader", whom, DATA, "who drives ahead in its lane at the end")
+        return replace(term, leader=self.leader)
 
     def _note(self, what: str, value: str, source: str, how: str = "") -> None:
         self.assumptions.append(Assumption(self.player, what, value, source, how))
@@ -213,10 +231,13 @@ def explain(
     sources = Known(told, road, scenario.game.players)
     warnings += check_told(name, sources)
     players, assumptions = [], []
+    leaders = _leaders(road, entry.players, motions) if road else [-1] * len(motions)
     for i, (player, motion) in enumerate(zip(entry.players, motions, strict=True)):
         match = None if drawn is None else drawn[i]
         costs = scenario.game.players[0 if match is None else match]
-        targets = Targets(player, motion, sources, None if match is None else costs)
+        targets = Targets(
+            player, motion, sources, None if match is None else costs, leaders[i], entry.players
+        )
         players.append(_at_step(targets.applied(costs), dt / scenario.game.dt))
         assumptions += targets.assumptions
     if road is not None:
@@ -230,6 +251,18 @@ def explain(
         initial_state=np.zeros((count, game.dynamics.state_size)),
     )
     return Explained(explained, tuple(assumptions), rough, tuple(warnings))
+
+
+def _leaders(road: Road, names: Sequence[str], motions: Sequence[Motion]) -> list[int]:
+    """Index of the player whom each follows where it is last seen, -1 for nobody."""
+    found = []
+    for name, motion in zip(names, motions, strict=True):
+        at = int(np.flatnonzero(motion.seen)[-1])
+        cars = {n: standing(m, at) for n, m in zip(names, motions, strict=True)}
+        scene = Scene(road, {n: car for n, car in cars.items() if car is not None})
+        leader = scene.leader(name) if name in scene.cars else None
+        found.append(-1 if leader is None else list(names).index(leader))
+    return found
 
 
 def costs_of(name: str, seed: int | None, count: int) -> Scenario:
@@ -304,6 +337,8 @@ def _without_targets(player: Player) -> Player:
             return replace(term, goal=(0.0, 0.0))
         if isinstance(term, LaneKeeping):
             return replace(term, route=nowhere, blend=1.0)
+        if isinstance(term, Following):
+            return replace(term, leader=-1)
         return term
 
     return player.changed(bare)

@@ -111,7 +111,7 @@ def _in_lanes(grid: Grid, road: Road) -> Iterator[Interaction]:
     """Who follows whom, and who has come in between."""
     motions, before = _motions(grid), dict[str, str | None]()
     strongest: dict[tuple[str, str, str], Interaction] = {}
-    lanes: dict[str, str] = {}
+    lanes: dict[str, str | None] = {}
     for at in range(0, len(grid.times), max(1, round(_EVERY / grid.step))):
         cars = {
             name: car
@@ -124,13 +124,13 @@ def _in_lanes(grid: Grid, road: Road) -> Iterator[Interaction]:
             before[name] = leader
             if leader is None:
                 continue
-            moved = lanes.get(leader) not in (None, scene.lanes[leader], scene.lanes[name])
+            moved = lanes.get(leader) not in (None, scene.lane(name))
             cut = moved and earlier is not None and earlier != leader
             one = _pair(cars, name, leader, float(grid.times[at]), cut=cut)
             key = one.who, one.what, one.whom
             if key not in strongest or strongest[key].strength < one.strength:
                 strongest[key] = one
-        lanes = scene.lanes
+        lanes = {name: scene.lane(name) for name in cars}
     return iter(strongest.values())
 
 

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 
@@ -49,22 +48,26 @@ class Scene:
         self.road, self.cars = road, dict(cars)
         self._positions = np.array([car.position for car in cars.values()]).reshape(-1, 2)
         self._headings = np.array([car.heading for car in cars.values()])
+        self._lanes: dict[str, str | None] = {}
 
-    @cached_property
-    def lanes(self) -> dict[str, str]:
-        """The nearest lane that each car is in and drives along; none for others."""
-        found, nearest = dict[str, str](), np.full(len(self.cars), np.inf)
-        for lane in self.road.lanes:
-            place, inside = self._on(self.road.lanes[lane].line)
-            for k in np.flatnonzero(inside & (place.distance < nearest)):
-                found[list(self.cars)[k]], nearest[k] = lane, place.distance[k]
-        return found
+    def lane(self, name: str) -> str | None:
+        """The nearest lane that a car is in and drives along; None if there is none."""
+        if name not in self._lanes:
+            car, found = self.cars[name], []
+            for lane, shape in self.road.lanes.items():
+                place = locate(shape.line, car.position[None])
+                along = np.cos(place.heading[0] - car.heading) > _ALONG
+                if along and place.distance[0] < BESIDE:
+                    found.append((float(place.distance[0]), lane))
+            self._lanes[name] = min(found)[1] if found else None
+        return self._lanes[name]
 
     def leader(self, follower: str) -> str | None:
         """Who drives next ahead of a car on its way on, within ``REACH``; None if nobody does."""
-        if follower not in self.lanes:
+        lane = self.lane(follower)
+        if lane is None:
             return None
-        place, inside = self._on(way_on(self.road, self.lanes[follower]))
+        place, inside = self._on(way_on(self.road, lane))
         names = list(self.cars)
         ahead = place.along - place.along[names.index(follower)]
         ahead[~inside | (ahead < _BUMPER)] = np.inf

@@ -167,7 +167,7 @@ def _recorded(grid: Grid, last: int, times: np.ndarray, name: str) -> np.ndarray
 def _foreseen(
     scene: Scene, name: str, times: np.ndarray, theta: np.ndarray, most: int, recorded: np.ndarray
 ) -> Foreseen:
-    car, lane = scene.cars[name], scene.lanes.get(name)
+    car, lane = scene.cars[name], scene.lane(name)
     if lane is None:
         toward = np.array([np.cos(car.heading), np.sin(car.heading)])
         straight = car.position + car.speed * times[:, None] * toward

@@ -198,7 +198,7 @@ def terms_of(structure: Structure) -> list[Term]:
         named = [f.watched if isinstance(f, Watching) else () for f in player.features]
         player = player.changed(_in_order)
         alone = tuple(r not in ("all", "named") for r in reaches)
-        kind = TermKind(player, alone, 1, 0, False, dynamics)
+        kind = TermKind(player.changed(_on_its_own), alone, 1, 0, False, dynamics)
         own.append(Term(kind, i, (i,)))
         if "pair" in reaches:
             included = tuple(r == "pair" for r in reaches)
@@ -213,6 +213,11 @@ def terms_of(structure: Structure) -> list[Term]:
             kind = TermKind(player, included, count, i, False, dynamics)
             coupled.append(Term(kind, i, tuple(range(count))))
     return own + coupled
+
+
+def _on_its_own(feature: Feature) -> Feature:
+    """The feature, without the players that it names, as its terms are others."""
+    return feature.watching(()) if isinstance(feature, Watching) else feature
 
 
 def _in_order(feature: Feature) -> Feature:
@@ -236,7 +241,7 @@ def reach(feature: Feature, player: int, count: int, dynamics: Dynamics) -> str:
     ``named``: of those that it names. ``all``: none of these.
     """
     if isinstance(feature, Watching):
-        return "named" if feature.watched else "own"
+        return "named"
     states = [ca.SX.sym(f"x{j}", dynamics.state_size) for j in range(count)]
     control = ca.SX.sym("u", dynamics.control_size)
     numbers = ca.SX.sym("numbers", len(numbers_of(feature)))

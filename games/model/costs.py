@@ -83,7 +83,7 @@ class Watching(Protocol):
         """Indices of these players."""
 
     def watching(self, players: tuple[int, ...]) -> Feature:
-        """The same feature with others in their place."""
+        """The same feature with others in their place; with nobody it costs nothing."""
 
 
 @dataclass(frozen=True)

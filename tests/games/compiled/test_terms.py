@@ -7,7 +7,14 @@ import pytest
 
 from olne_bench.games.compiled.stage_functions import stage_functions
 from olne_bench.games.compiled.terms import terms_of
-from olne_bench.games.model.costs import CarProximity, ControlEffort, Feature, Proximity, Stage
+from olne_bench.games.model.costs import (
+    CarProximity,
+    ControlEffort,
+    Feature,
+    Following,
+    Proximity,
+    Stage,
+)
 from olne_bench.games.model.dynamics import UNICYCLE
 from olne_bench.games.model.game import Game, Player
 from olne_bench.games.model.numbers import structure_and_numbers
@@ -83,3 +90,25 @@ class SpeedOnly:
 @pytest.mark.parametrize("feature", [KeepToTheMiddle(), FollowFirst(), SpeedOnly(), Proximity()])
 def test_rows_are_those_of_the_stacked_system(feature: Feature) -> None:
     rows_agree(three(feature))
+
+
+def following(*leaders: int) -> Game:
+    efforts = ControlEffort("yaw_rate"), ControlEffort("acceleration")
+    players = tuple(Player((Following(leader), *efforts)) for leader in leaders)
+    return Game(players, UNICYCLE, 4, 0.5)
+
+
+def test_who_names_others_has_a_term_with_these_alone() -> None:
+    terms = terms_of(structure_and_numbers(following(-1, 0, 1, 0))[0])
+    assert [one.players for one in terms if len(one.players) > 1] == [(1, 0), (2, 1), (3, 0)]
+    assert len({one.kind for one in terms}) == 2  # one of a player alone, one of two
+
+
+def test_terms_of_named_players_are_those_of_the_whole_game() -> None:
+    rows_agree(following(1, 2, -1))
+
+
+def test_nobody_follows_itself_or_a_player_who_is_not_there() -> None:
+    for leaders in ((0, 0), (1, 2)):
+        with pytest.raises(ValueError, match="expected another one of the players 0 to 1"):
+            following(*leaders)
