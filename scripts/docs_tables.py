@@ -10,13 +10,11 @@ import math
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 from paper_claims import claims_of
 
 from olne_bench.bench.report.figures.style import estimator_order
-from olne_bench.envs.roads.temperaments import TEMPERAMENTS
 
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results"
@@ -125,21 +123,6 @@ def road_scores() -> pd.DataFrame:
     return table[["Position error", "Held-out error", "Cosine error", "Failures"]]
 
 
-def recognised() -> pd.DataFrame:
-    """Suite ``roads``, full sensor: shares of drivers whose temperament is recognised."""
-    table = pd.read_csv(RESULTS / "roads" / "temperaments.csv.gz")
-    table = table[(table["sensor"] == "full") & table["sigma"].isna()]
-    table["known"] = table["recognised"] * table["drivers"]
-    table["unknown"] = table["scenario"].str.endswith(_UNKNOWN)
-    by = ["unknown", "temperament"]
-    counts = table.pivot_table(["known", "drivers"], "estimator", by, "sum")
-    wide: Any = (counts["known"] / counts["drivers"]).map(_share)
-    columns = [(unknown, name) for unknown in (False, True) for name in TEMPERAMENTS]
-    wide = wide.loc[estimator_order(list(wide.index)), columns]
-    heads = [f"{name}{_UNKNOWN if unknown else ''}".capitalize() for unknown, name in columns]
-    return pd.DataFrame(wide.set_axis(heads, axis=1))
-
-
 def constrained() -> pd.DataFrame:
     """Suite ``constrained``, full sensor: median errors with the constraints and in ignorance."""
     board = _board("constrained")
@@ -201,11 +184,25 @@ def online() -> pd.DataFrame:
     return wide[[*names, "constant_velocity", "stock", "stock_fitted"]]
 
 
+def people() -> pd.DataFrame:
+    """Errors along the lane over those of driving straight on, by road and kind of moment."""
+    table = _csv("people", "summary").query("ahead in (3, 5) and kind in ('all', 'wave')")
+    table = table[(table["method"] != "straight") & (table["pieces"] > 3)]
+    ends = table["over_straight_low"], table["over_straight_high"]
+    cells = [
+        f"{middle:.2f} [{low:.2f}, {high:.2f}]"
+        for middle, low, high in zip(table["over_straight"], *ends, strict=True)
+    ]
+    place = table["road"] + ", " + table["kind"] + ", " + table["ahead"].map("{:g} s".format)
+    table = table.assign(place=place + ", " + table["cars"].astype(str) + " cars")
+    return _pivot(table, cells, "place", "method")
+
+
 TABLES: dict[str, Callable[[], pd.DataFrame]] = {
     table.__name__: table
     for table in (
-        paper, times, roads_errors, road_scores, recognised, constrained, claims, identified,
-        learned_errors, online,
+        paper, times, roads_errors, road_scores, constrained, claims, identified,
+        learned_errors, online, people,
     )
 }  # fmt: skip
 

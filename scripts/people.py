@@ -9,8 +9,8 @@ predict`` does; in ``alone`` a car plays against a leader that drives straight o
 cars ahead drive by the intelligent driver model. ``idm`` and ``ridge``, a linear regression, are
 fitted to the other half of the pieces. Kinds of moments are known before the prediction: in a
 ``wave`` leader and leader's leader differ by more than 2 m/s, ``closing`` cars are 1.5 m/s faster
-than their leader, all others are ``calm``. Writes predictions.csv (errors, no motion) and
-summary.csv.
+than their leader, all others are ``calm``. Writes predictions.parquet (errors, no motion),
+summary.csv and people.png.
 """
 
 from collections.abc import Iterator, Sequence
@@ -21,8 +21,10 @@ from pathlib import Path
 import shared
 import numpy as np
 import pandas as pd
+from matplotlib.figure import Figure
 from scipy.optimize import minimize
 
+from olne_bench.bench.report.figures import style
 from olne_bench.envs.tracks.grid import Grid
 from olne_bench.envs.tracks.groups import grid_and_road
 from olne_bench.envs.tracks.prediction import STEP, Foreseen, predict_cars
@@ -32,10 +34,12 @@ from olne_bench.envs.tracks.road import Road
 SEEN, AHEAD, FARTHER = 2.7, 3.0, 5.0  # [s]
 HORIZONS = (1.0, 2.0, 3.0, 5.0)  # [s]
 METHODS = ("straight", "game", "alone", "idm", "ridge")
+#: Names of roads in those of files.
+ROADS = {"US101": "US-101", "Lanker": "Lankershim", "Peach": "Peachtree"}
 CAR_LENGTH = 4.5  # [m]
 DRAWS = 2000  # of the bootstrap
 RIDGE = 1.0
-TUPLE = 12  # displacements that tell motions apart
+TUPLE = 25  # displacements that tell motions apart
 MISSING = 1e3  # [m], of a leader's leader that is not there
 
 
@@ -68,9 +72,11 @@ def main(data: Path, out: Path = Path("results/people")) -> None:
     fitted = [fitted_to([c for c in cases if half[c.piece] != k]) for k in (0, 1)]
     rows = pd.DataFrame(r for case in cases for r in errors_of(case, *fitted[half[case.piece]]))
     out.mkdir(parents=True, exist_ok=True)
-    rows.round(3).to_csv(out / "predictions.csv", index=False)
+    rows.round(3).to_parquet(out / "predictions.parquet", index=False, compression="zstd")
     table = pd.DataFrame(summary(rows))
     table.round(3).to_csv(out / "summary.csv", index=False)
+    with style.applied():
+        style.save(picture(table), out / "people", ["png"])
     shared.show({str(k): v for k, v in row.items()} for row in table.round(3).to_dict("records"))
 
 
@@ -105,7 +111,8 @@ def _marks(grid: Grid, name: str) -> list[tuple[float, ...]]:
 
 
 def _road_name(path: Path) -> str:
-    return path.name.split("_")[1].split("-")[0]
+    name = path.name.split("_")[1].split("-")[0]
+    return ROADS.get(name, name)
 
 
 def _case(grid: Grid, road: Road, name: str, where: str, piece: int) -> Case | None:
@@ -223,6 +230,26 @@ def summary(rows: pd.DataFrame) -> Iterator[dict[str, object]]:
             if method == "game":
                 row |= {c: own[c].astype(float).mean() for c in ("holds_along", "holds_left")}
             yield row
+
+
+def picture(table: pd.DataFrame) -> Figure:
+    """Errors over those of driving straight on, over the time ahead, on the large roads."""
+    roads = [road for road in ("US-101", "Lankershim") if road in set(table["road"])]
+    figure = Figure(figsize=(4 * len(roads), 3.4), layout="constrained")
+    panels = figure.subplots(1, len(roads), sharey=True, squeeze=False)[0]
+    for axes, road in zip(panels, roads, strict=True):
+        for k, method in enumerate(METHODS[1:]):
+            own = table[(table["road"] == road) & (table["kind"] == "all")]
+            own = own[own["method"] == method]
+            middle = own["over_straight"]
+            ends = [middle - own["over_straight_low"], own["over_straight_high"] - middle]
+            at = own["ahead"] + 0.06 * (k - 1.5)
+            axes.errorbar(at, middle, ends, label=method, marker="o", markersize=4, capsize=2)
+        axes.axhline(1, color="black", linewidth=1)
+        axes.set(title=f"{road}: {own['cars'].max()} cars", xlabel="seconds ahead")
+    panels[0].set_ylabel("error along the lane / straight on")
+    panels[0].legend(fontsize="small")
+    return figure
 
 
 def _ratio(name: str, base: pd.DataFrame, own: pd.DataFrame) -> dict[str, float]:

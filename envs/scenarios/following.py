@@ -37,7 +37,7 @@ LIMITS = Limits(controls=(1.0, 12.0), states=(2000.0, 500.0, 100.0, 100.0))
 #: Differences that cost 1: of the leader's speed and the target's [m/s], of acceleration [m/s^2],
 #: steering [rad], beside the lane [m], of headings [rad]. With the first three and equal weights
 #: recorded drivers are predicted best (docs/people.md).
-LEADER, SPEED, ACCELERATION, STEERING, LANE, HEADING = 1.4, 3.2, 1.0, 0.03, 1.0, 0.1
+LEADER, SPEED, ACCELERATION, STEERING, LANE, HEADING = 2.0, 4.5, 1.0, 0.03, 1.0, 0.1
 #: As on HighwayEnv's roads: speeds and headings estimated over one second at 10 m/s.
 NOISE_SCALE = (1.0, 1.0, 0.1, 1.0)
 

@@ -28,7 +28,7 @@ LONGEST = 20.0  # [s]
 #: Seconds over whose samples the present speed is a mean.
 _PRESENT = 0.5
 #: 90 % of recorded drivers are within ``_SPREAD * t**_GROWTH`` [m] of the game, along and across.
-_SPREAD, _GROWTH = np.array([0.65, 0.2]), np.array([1.6, 0.9])
+_SPREAD, _GROWTH = np.array([1.05, 0.29]), np.array([1.37, 0.67])
 _AHEAD = 1e3  # [m] of the way of a car that is in no lane
 _LENGTH = 1e4  # [m] of lanes, beyond what anybody drives
 #: Why a car has no game.
