@@ -186,15 +186,15 @@ def online() -> pd.DataFrame:
 
 def people() -> pd.DataFrame:
     """Errors along the lane over those of driving straight on, by road and kind of moment."""
-    table = _csv("people", "summary").query("ahead in (3, 5) and kind in ('all', 'wave')")
+    table = _csv("people", "summary").query("ahead == 3 and kind in ('all', 'wave')")
     table = table[(table["method"] != "straight") & (table["pieces"] > 3)]
     ends = table["over_straight_low"], table["over_straight_high"]
     cells = [
         f"{middle:.2f} [{low:.2f}, {high:.2f}]"
         for middle, low, high in zip(table["over_straight"], *ends, strict=True)
     ]
-    place = table["road"] + ", " + table["kind"] + ", " + table["ahead"].map("{:g} s".format)
-    table = table.assign(place=place + ", " + table["cars"].astype(str) + " cars")
+    place = table["road"] + ", " + table["kind"] + ", " + table["cars"].astype(str) + " cars"
+    table = table.assign(place=place)
     return _pivot(table, cells, "place", "method")
 
 
