@@ -28,6 +28,11 @@ last one, a particle, and the most probable game so far, which the joint problem
 (``estimators.shared.past_posterior``). The first particles are drawn after the first quarter of the
 samples. No particle depends on later samples.
 
+Where the prior of weights is a mixture, its matched single distribution is meant by N(s; prior);
+what is left (``NormalChart.tilt``) weighs the particles after each measurement, to the largest
+power up to one that leaves a quarter of M effective. Where W themselves leave fewer, they count
+with such a power: particles are wider than the posterior then, and the estimate says so.
+
 Proposals have tails of Student's t; those of the last draws are kept, older ones forgotten. A point
 whose game has no equilibrium that can be followed from the mean's has a density of zero. The
 effective sample size after each measurement is reported, and the covariance of the weights is wider
@@ -47,6 +52,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 from scipy.linalg import solve_triangular
+from scipy.optimize import brentq
 from scipy.special import gammaln, logsumexp
 
 from olne_bench.checks import check_count, check_number
@@ -63,9 +69,9 @@ from olne_bench.estimators.shared.past_posterior import (
 from olne_bench.estimators.shared.perturbed_fits import effective_sample_size, tempered
 from olne_bench.estimators.shared.sample_filter import FilterRun, SampleFilter
 
-#: Effective sample sizes, in units of ``count``, that end the draws for a measurement, for the last
-#: one, and below which a filter has failed.
-_ENOUGH, _ENOUGH_AT_LAST, _FAILED = 0.25, 0.5, 0.02
+#: Effective sample sizes, in units of ``count``, that end the draws for a measurement, and for the
+#: last one.
+_ENOUGH, _ENOUGH_AT_LAST = 0.25, 0.5
 
 #: Particles of one draw, in units of ``count``, and number of draws that are kept.
 _DRAWN, _KEPT = 0.5, 12
@@ -76,6 +82,12 @@ _DEGREES = 25.0
 #: Effective particles, in units of their dimension, at which a proposal is halfway from Laplace's
 #: approximation to their own moments.
 _TRUSTED = 10
+
+#: Particles whose weights have to count with a smaller power explain nothing.
+_LEAST_POWER = 0.05
+
+#: Stands for the log of no density.
+_FARTHEST = 1e3
 
 #: Least variance of a proposal, relative to its largest one.
 _LEAST_VARIANCE = 1e-14
@@ -91,7 +103,8 @@ class Cloud:
 
     points: np.ndarray  # (M, n)
     shares: np.ndarray  # (M,) their weights W, which sum to one
-    effective: float  # effective sample size
+    effective: float  # effective sample size, without what a mixture leaves
+    power: float = 1.0  # with which that counts, or the rest (``tilted``)
 
 
 @dataclass(frozen=True)
@@ -148,16 +161,23 @@ class _Run(FilterRun):
         for cloud in clouds:
             self.online.append(_mean_weights(begin.games, cloud))
             self._effective.append(cloud.effective)
+        if cloud.power < 1:
+            what = "the prior's mixture counts" if cloud.power >= 0 else "their weights count"
+            self._remark = self._remark or (
+                f"particles are wider than the posterior: {what} with a power of "
+                f"{cloud.power % 1:.2g}"
+            )
         self._cloud, size = cloud, begin.games.chart.size
         return cloud.shares @ cloud.points, _covariance(cloud.points[:, :size], cloud.shares)
 
     def certainty(self) -> tuple[np.ndarray, dict[str, Any]]:
         cloud, free = self._cloud, self.games.chart.free
         weights = self.games.weights(cloud.points).reshape(len(cloud.points), -1)
-        wider = widening(cloud.effective, free)
+        effective = float(1 / np.sum(cloud.shares**2))
+        wider = widening(effective, free)
         if wider is None and not self.message:
             self.message = (
-                f"{cloud.effective:.1f} effective particles do not tell the covariance of "
+                f"{effective:.1f} effective particles do not tell the covariance of "
                 f"{free} free weights"
             )
         return (wider or 1.0) * _covariance(weights, cloud.shares), {
@@ -182,8 +202,8 @@ def filter_particles(
 
     Yields all particles so far after each measurement from the time ``first`` on. They are drawn at
     ``peaks``, points of the most probable games so far, or from the prior if None; ``count`` and
-    ``most_draws`` are those of ``Particle``. Raises LostError if no particle has a game, or too few
-    explain all measurements.
+    ``most_draws`` are those of ``Particle``. Raises LostError if no particle has a game, or none
+    explains the measurements.
     """
     pool = _Pool(prior, games, samples, sigma, count, rng, peaks)
     for t in range(first, len(samples)):
@@ -191,8 +211,27 @@ def filter_particles(
         enough = _ENOUGH_AT_LAST if last else _ENOUGH
         cloud = pool.take_in(t, enough * count, 2 * most_draws if last else most_draws)
         yield cloud
-    if cloud.effective < _FAILED * count:
+    if cloud.power < _LEAST_POWER - 1:
         raise LostError(f"effective sample size {cloud.effective:.1f} of {count}")
+
+
+def tilted(log_shares: np.ndarray, tilts: np.ndarray, enough: float) -> tuple[np.ndarray, float]:
+    """Log weights plus tilts times the largest factor up to one that leaves so many effective.
+
+    Where too few are effective without them, the log weights count with such a factor and tilts not
+    at all. Also returns the factor, below zero for the latter: it less one.
+    """
+
+    def excess(factor: float) -> float:
+        return effective_sample_size(log_shares + factor * tilts) - enough
+
+    tilts, factor = np.where(np.isfinite(tilts), tilts, -_FARTHEST), 1.0
+    if excess(1.0) < 0:
+        if excess(0.0) < 0:
+            shares, power = tempered(log_shares, enough)
+            return shares, power - 1
+        factor = float(brentq(excess, 0.0, 1.0, xtol=1e-6))
+    return log_shares + factor * tilts, factor
 
 
 class _Pool:
@@ -215,7 +254,8 @@ class _Pool:
         self._proposals: list[_Proposal] = []
         self._points = np.empty((0, len(prior.mean)))
         self._squared = np.empty((0, len(samples)))
-        self._log_prior, self._densities = np.empty(0), np.empty((0, 0))
+        self._log_prior, self._tilts, self._densities = np.empty(0), np.empty(0), np.empty((0, 0))
+        self._count = count
         self._log_norm = float(-_Proposal(prior, np.inf).log(prior.mean[None])[0])
         self._peak: Tangent | None = None
         self._peaks = peaks
@@ -239,7 +279,8 @@ class _Pool:
         if not np.isfinite(log_shares).any():
             raise LostError("no particle has an equilibrium")
         effective = effective_sample_size(log_shares)
-        return Cloud(self._points, _normalised(log_shares), effective)
+        whole, power = tilted(log_shares, self._tilts, _ENOUGH * self._count)
+        return Cloud(self._points, _normalised(whole), effective, power)
 
     def _draw(self, around: Gaussian) -> None:
         """Draw particles; forget those of the oldest draw if there are too many."""
@@ -253,10 +294,11 @@ class _Pool:
         own = np.array([one.log(points) for one in self._proposals])
         last = proposal.log(self._points[old])
         self._densities = np.block([[before, own[:-1]], [last, own[-1]]]) if len(last) else own
-        log_prior = _Proposal(self._prior, np.inf).log(points) + self._games.tilt(points)
+        log_prior = _Proposal(self._prior, np.inf).log(points)
         self._points = np.vstack([self._points[old], points])
         self._squared = np.vstack([self._squared[old], squared])
         self._log_prior = np.concatenate([self._log_prior[old], log_prior])
+        self._tilts = np.concatenate([self._tilts[old], self._games.tilt(points)])
 
     def _log_shares(self, t: int) -> np.ndarray:
         """Log W (P2), without the factor J."""
