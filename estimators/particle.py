@@ -163,7 +163,7 @@ class _Run(FilterRun):
             self._effective.append(cloud.effective)
         if cloud.power < 1:
             what = "the prior's mixture counts" if cloud.power >= 0 else "their weights count"
-            self._remark = self._remark or (
+            self.remarks.append(
                 f"particles are wider than the posterior: {what} with a power of "
                 f"{cloud.power % 1:.2g}"
             )

@@ -43,7 +43,7 @@ class FilterRun(ABC):
         self.belief: Gaussian | None = None
         self._first_states: np.ndarray | None = None
         self._trajectories = 0
-        self._objective, self.message, self._remark = 0.0, "", ""
+        self._objective, self.message, self.remarks = 0.0, "", list[str]()
 
     @abstractmethod
     def filtered(self, begin: Outset, samples: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -64,7 +64,7 @@ class FilterRun(ABC):
         states = begin.games.play(mean).root.states
         error = squared_error_of(problem, states, observation.y)
         if not self._peek:
-            self._remark = self._remark or unexplained(problem, error, [observation.y])
+            self.remarks.append(unexplained(problem, error, [observation.y]))
         self._objective += error
         self._first_states = states if self._first_states is None else self._first_states
         self.belief = Gaussian(mean[: begin.games.chart.size], covariance)
@@ -87,7 +87,7 @@ class FilterRun(ABC):
             parameters=games.parameters(belief.mean),
             parameter_deviations=games.parameter_deviations(belief),
             converged=not self.message,
-            message="; ".join(filter(None, [self.message, self._remark])),
+            message="; ".join(filter(None, dict.fromkeys([self.message, *self.remarks]))),
             extras=known | extras,
         )
 

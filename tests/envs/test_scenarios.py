@@ -18,7 +18,7 @@ from olne_bench.plugins import PluginError
         ("random", {"num_players": True}, "num_players must be"),
         ("merge", {"num_players": 7}, "'merge' holds 2 to 6 players, got num_players = 7"),
         ("two_player", {"size": 1}, "'two_player' has no option 'size'; known are: weights"),
-        ("nope", {}, "unknown scenario 'nope'; known are: changed, highway"),
+        ("nope", {}, "unknown scenario 'nope'; known are: changed, following, highway"),
     ],
 )
 def test_options_are_refused_without_drawing(name, options, expected):

@@ -123,7 +123,7 @@ def test_the_suite_of_a_run_says_what_its_metrics_are():
         SimpleNamespace(column="position_error", declaration={"compared": True}),
     ]
     suite = SimpleNamespace(
-        kind="trials", scenarios=(), sensors=(), estimators=(), metrics=entries, salt="s"
+        kind="trials", scenarios=(), sensors=(), estimators=(), metrics=entries, salt="s", figures=()
     )
     found = study_of([suite]).metrics
     assert [one.name for one in found] == ["position_error", "covers_truth", "jerk_error"]

@@ -83,14 +83,14 @@ def test_a_suite_of_this_package_is_that_suite() -> None:
     check_shipped(quick.model_copy(update={"estimators": (*quick.estimators, own)}))
     check_shipped(quick.model_copy(update={"name": "other", "time_limit": 0.1}))
     crippled = quick.estimators[0].model_copy(update={"seeds": 1})
-    moved = quick.scenarios[0].model_copy(update={"options": {"weights": "moderate"}})
+    moved = quick.scenarios[0].model_copy(update={"options": {"num_players": 2}})
     for changes, said in (
         ({"time_limit": 0.1}, "time_limit"),
         ({"sigmas": (0.0,)}, "sigmas"),
-        ({"seeds": 4}, "seeds"),
+        ({"seeds": 5}, "seeds"),
         ({"root_iterations": 1}, "root_iterations"),
         ({"estimators": (crippled,)}, "estimator 'kkt_constrained'"),
-        ({"scenarios": (moved,)}, "scenario 'two_player'"),
+        ({"scenarios": (moved,)}, "scenario 'merge'"),
         ({"sensors": load_suite("sensors").sensors}, "sensor 'range_bearing'"),
     ):
         with pytest.raises(UserError, match=f"it is not the suite 'quick' .*{said}"):

@@ -69,10 +69,10 @@ def test_a_position_has_both_coordinates() -> None:
 def test_who_drives_as_told_is_not_refused(heading: float, dt: float) -> None:
     told = states(heading=heading)
     told[..., :2] *= dt / DT
-    assert not said_of(told, dt)
+    assert not said_of(told, dt=dt)
     told[:, 1, 2:] += [np.pi, 0.0]  # the same in reverse
     told[:, 1, 3] *= -1
-    assert not said_of(told, dt)
+    assert not said_of(told, dt=dt)
 
 
 @pytest.mark.parametrize("off", [0.9 * np.pi / 3, 1.1 * np.pi / 3, np.pi])
