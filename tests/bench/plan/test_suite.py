@@ -65,7 +65,7 @@ def test_paper_suite_is_the_published_study():
         ("0.1]", "-0.1]", "sigmas.1: Input should be greater than or equal to 0, got -0.1"),
         ("0.1]", "nan]", "sigmas.1"),
         ("0.1]", "0.0]", "sigma 0.0 is listed twice"),
-        ("two_player", "three_player", "unknown scenario 'three_player'; known are: changed, following, h"),
+        ("two_player", "three_player", "unknown scenario 'three_player'; known are: changed, fo"),
         ('"two_player"', '{name="random", options={players=3}}', "its parameters: num_players"),
         ('"two_player"', '{name="random", option={}}', "unknown key 'scenarios.0.option'"),
         ('"two_player"', '{name="merge", options={num_players=9}}', "'merge' holds 2 to 6 players"),
