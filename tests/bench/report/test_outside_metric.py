@@ -122,7 +122,7 @@ def test_the_suite_of_a_run_says_what_its_metrics_are():
         SimpleNamespace(column="covers_truth", declaration={"label": "covered", "unit": ""}),
         SimpleNamespace(column="position_error", declaration={"compared": True}),
     ]
-    listed = {name: () for name in ("scenarios", "sensors", "estimators", "figures")}
+    listed = dict.fromkeys(("scenarios", "sensors", "estimators", "figures"), ())
     suite = SimpleNamespace(kind="trials", metrics=entries, salt="s", **listed)
     found = study_of([suite]).metrics
     assert [one.name for one in found] == ["position_error", "covers_truth", "jerk_error"]
