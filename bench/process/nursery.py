@@ -146,6 +146,7 @@ class Nursery:
         self.owner, self.gone = os.getpid(), False
         self._control, self._process = control, process
         self._lock = threading.Lock()
+        self._has_forked = False
 
     def ask(
         self,
@@ -159,6 +160,7 @@ class Nursery:
             StartError: if there is none in time. Then it is ended.
         """
         with self._lock:
+            self._has_forked = True
             try:
                 send(self._control, message, descriptors)
                 return int(receive(self._control, seconds)[0]["said"])
@@ -175,6 +177,8 @@ class Nursery:
         self._control.close()
         if self._process is None:
             return -int(signal.SIGKILL)
+        if not self._has_forked:
+            self._process.kill()  # it may be importing, and has nobody to end
         try:
             return self._process.wait(_END_SECONDS)
         except subprocess.TimeoutExpired:
