@@ -199,6 +199,17 @@ class Child:
 
     def _poll(self, kind: Any) -> Any:
         assert self._process is not None
+        result = self._read(kind)
+        if result is None and self._process.ended():
+            result = self._read(kind)  # what it said between the last look and its end
+            if result is None:
+                raise self._death("")
+        if result is None:
+            self._look_after()
+        return result
+
+    def _read(self, kind: Any) -> Any:
+        """The result, if it is among what has arrived; None if not."""
         try:
             while (frame := self.channel.poll()) is not None:
                 message = decode_message(frame)
@@ -217,9 +228,6 @@ class Child:
         except (GarbageError, ValueError) as error:
             self.end()
             raise MisspokeError(clip(str(error))) from error
-        if self._process.ended():
-            raise self._death("")
-        self._look_after()
         return None
 
     def wait(self, kind: Any) -> Any:

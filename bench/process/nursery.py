@@ -190,24 +190,21 @@ _own: Nursery | None = None
 _lock = threading.Lock()
 
 
-def _nursery(output: IO[Any]) -> Nursery:
-    """The nursery of this process, which is started if there is none."""
+def begin(modules: Sequence[str]) -> None:
+    """Start the nursery of this process, which imports modules meanwhile, unless there is one."""
+    _nursery(_ERRORS, modules)
+
+
+def _nursery(output: IO[Any] | int, modules: Sequence[str] = ()) -> Nursery:
+    """The nursery of this process; if there is none, one is started, which imports modules."""
     global _own
     with _lock:
         if _own is None or _own.gone or _own.owner != os.getpid():
-            _own = _interpreter(output)
+            _own = _interpreter(output, modules)
         return _own
 
 
-def begin(modules: Sequence[str]) -> None:
-    """Start the nursery of this process, which imports modules meanwhile, unless there is one."""
-    global _own
-    with _lock:
-        if _own is None or _own.gone or _own.owner != os.getpid():
-            _own = _interpreter(_ERRORS, modules)
-
-
-def _interpreter(output: IO[Any] | int, modules: Sequence[str] = ()) -> Nursery:
+def _interpreter(output: IO[Any] | int, modules: Sequence[str]) -> Nursery:
     """A nursery in a new interpreter; ``output`` is where it says what goes wrong."""
     ours, theirs = socket.socketpair()
     boot = f"import sys; sys.path[:] = {search_path()!r}; "

@@ -227,6 +227,21 @@ def test_a_death_after_other_work_says_so(child):
     assert caught.value.served == 1 and not caught.value.outside
 
 
+def test_what_a_process_says_just_before_its_end_counts(child, monkeypatch):
+    """It starts, works and dies between the look at its messages and that at itself."""
+    child.submit(end, 3, seconds=60)
+    ended = child._process.ended
+
+    def ended_by_now() -> bool:
+        while not ended():
+            time.sleep(0.01)
+        return True
+
+    monkeypatch.setattr(child._process, "ended", ended_by_now)
+    with pytest.raises(DiedError, match="^the process died with exit code 3$"):
+        child.wait(float)
+
+
 def test_a_kill_from_outside_says_so(child):
     with pytest.raises(DiedError) as caught:
         child.call(kill_itself, signal.SIGKILL, kind=float, seconds=5)
