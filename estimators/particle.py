@@ -104,7 +104,8 @@ class Cloud:
     points: np.ndarray  # (M, n)
     shares: np.ndarray  # (M,) their weights W, which sum to one
     effective: float  # effective sample size, without what a mixture leaves
-    power: float = 1.0  # with which that counts, or the rest (``tilted``)
+    power: float = 1.0  # with which the rest counts: below one if few are effective
+    tilt_power: float = 1.0  # with which that counts
 
 
 @dataclass(frozen=True)
@@ -161,12 +162,7 @@ class _Run(FilterRun):
         for cloud in clouds:
             self.online.append(_mean_weights(begin.games, cloud))
             self._effective.append(cloud.effective)
-        if cloud.power < 1:
-            what = "the prior's mixture counts" if cloud.power >= 0 else "their weights count"
-            self.remarks.append(
-                f"particles are wider than the posterior: {what} with a power of "
-                f"{cloud.power % 1:.2g}"
-            )
+        self.remarks.append(_wider(cloud))
         self._cloud, size = cloud, begin.games.chart.size
         return cloud.shares @ cloud.points, _covariance(cloud.points[:, :size], cloud.shares)
 
@@ -211,27 +207,28 @@ def filter_particles(
         enough = _ENOUGH_AT_LAST if last else _ENOUGH
         cloud = pool.take_in(t, enough * count, 2 * most_draws if last else most_draws)
         yield cloud
-    if cloud.power < _LEAST_POWER - 1:
+    if cloud.power < _LEAST_POWER:
         raise LostError(f"effective sample size {cloud.effective:.1f} of {count}")
 
 
-def tilted(log_shares: np.ndarray, tilts: np.ndarray, enough: float) -> tuple[np.ndarray, float]:
-    """Log weights plus tilts times the largest factor up to one that leaves so many effective.
+def _wider(cloud: Cloud) -> str:
+    """What makes particles wider than the posterior; empty if they are not."""
+    what, power = "their weights count", cloud.power
+    if power == 1:
+        what, power = "the prior's mixture counts", cloud.tilt_power
+    said = f"particles are wider than the posterior: {what} with a power of {power:.2g}"
+    return said if power < 1 else ""
 
-    Where too few are effective without them, the log weights count with such a factor and tilts not
-    at all. Also returns the factor, below zero for the latter: it less one.
-    """
+
+def _tilt_power(log_shares: np.ndarray, tilts: np.ndarray, enough: float) -> float | None:
+    """The largest factor up to one with which tilts leave so many effective; None if none does."""
 
     def excess(factor: float) -> float:
         return effective_sample_size(log_shares + factor * tilts) - enough
 
-    tilts, factor = np.where(np.isfinite(tilts), tilts, -_FARTHEST), 1.0
-    if excess(1.0) < 0:
-        if excess(0.0) < 0:
-            shares, power = tempered(log_shares, enough)
-            return shares, power - 1
-        factor = float(brentq(excess, 0.0, 1.0, xtol=1e-6))
-    return log_shares + factor * tilts, factor
+    if excess(1.0) >= 0:
+        return 1.0
+    return None if excess(0.0) < 0 else float(brentq(excess, 0.0, 1.0, xtol=1e-6))
 
 
 class _Pool:
@@ -279,8 +276,13 @@ class _Pool:
         if not np.isfinite(log_shares).any():
             raise LostError("no particle has an equilibrium")
         effective = effective_sample_size(log_shares)
-        whole, power = tilted(log_shares, self._tilts, _ENOUGH * self._count)
-        return Cloud(self._points, _normalised(whole), effective, power)
+        tilts = np.where(np.isfinite(self._tilts), self._tilts, -_FARTHEST)
+        tilt_power, power = _tilt_power(log_shares, tilts, _ENOUGH * self._count), 1.0
+        if tilt_power is None:
+            tilt_power = 0.0
+            log_shares, power = tempered(log_shares, _ENOUGH * self._count)
+        shares = _normalised(log_shares + tilt_power * tilts)
+        return Cloud(self._points, shares, effective, power, tilt_power)
 
     def _draw(self, around: Gaussian) -> None:
         """Draw particles; forget those of the oldest draw if there are too many."""

@@ -238,7 +238,7 @@ def test_what_a_process_says_just_before_its_end_counts(child, monkeypatch):
         return True
 
     monkeypatch.setattr(child._process, "ended", ended_by_now)
-    with pytest.raises(DiedError, match="^the process died with exit code 3$"):
+    with pytest.raises(DiedError, match=r"^the process died with exit code 3$"):
         child.wait(float)
 
 
