@@ -26,9 +26,8 @@ from scipy.optimize import minimize
 
 from olne_bench.bench.report.figures import style
 from olne_bench.envs.tracks.grid import Grid
-from olne_bench.envs.tracks.groups import grid_and_road
 from olne_bench.envs.tracks.prediction import STEP, Foreseen, predict_cars
-from olne_bench.envs.tracks.reading import read_whole
+from olne_bench.envs.tracks.reading import grid_and_road, read_whole
 from olne_bench.envs.tracks.road import Road
 
 SEEN, AHEAD, FARTHER = 2.7, 3.0, 5.0  # [s]

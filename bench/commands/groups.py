@@ -7,8 +7,8 @@ import pandas as pd
 
 from olne_bench.bench.text import one_line
 from olne_bench.envs.tracks.grid import Excerpt
-from olne_bench.envs.tracks.groups import grid_and_road, groups_in
-from olne_bench.envs.tracks.reading import ANY, read_tracks
+from olne_bench.envs.tracks.groups import groups_in
+from olne_bench.envs.tracks.reading import ANY, grid_and_road, read_tracks
 from olne_bench.errors import UserError
 
 

@@ -9,8 +9,8 @@ import numpy as np
 from olne_bench.bench.text import one_line
 from olne_bench.envs.recordings.recording_file import RecordingFile, write_recording
 from olne_bench.envs.tracks.grid import Excerpt, Frame
-from olne_bench.envs.tracks.groups import Group, grid_and_road, groups_in
-from olne_bench.envs.tracks.reading import ANY, read_tracks
+from olne_bench.envs.tracks.groups import Group, groups_in
+from olne_bench.envs.tracks.reading import ANY, grid_and_road, read_tracks
 from olne_bench.errors import UserError
 from olne_bench.files import check_new_file
 

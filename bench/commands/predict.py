@@ -8,10 +8,8 @@ import pandas as pd
 
 from olne_bench.bench.report.escapes import write_csv
 from olne_bench.bench.text import one_line
-from olne_bench.envs.tracks.groups import grid_and_road
 from olne_bench.envs.tracks.prediction import Foreseen, predict_cars, prediction_table
-from olne_bench.envs.tracks.reading import read_whole
-from olne_bench.errors import UserError
+from olne_bench.envs.tracks.reading import on_lanes
 from olne_bench.files import check_new_file
 
 
@@ -31,9 +29,7 @@ def predict(
         check_new_file("--out", out, (".csv",))
     if picture is not None:
         check_new_file("--picture", picture, (".png", ".svg", ".pdf"))
-    grid, lanes = grid_and_road(read_whole(tracks, format_name, road, part))
-    if lanes is None:
-        raise UserError(f"{tracks} has no lanes, along which to predict; give them by --road")
+    grid, lanes = on_lanes(tracks, format_name, road, part)
     time = float(grid.times[-1]) if at is None else at
     found = predict_cars(grid, lanes, time, ahead, players=players)
     _say(found, time, ahead)

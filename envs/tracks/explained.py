@@ -24,7 +24,7 @@ from olne_bench.envs.roads.road_scenario import RoadFamily
 from olne_bench.envs.scenarios import check_options, get_scenario, is_family, scenario_options
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
 from olne_bench.envs.tracks.grid import Motion, roughness
-from olne_bench.envs.tracks.leaders import Scene, standing
+from olne_bench.envs.tracks.leaders import Scene, standing_cars
 from olne_bench.envs.tracks.matching import check_on_road, driven, lane_warnings, route
 from olne_bench.envs.tracks.road import Road
 from olne_bench.envs.tracks.road_file import PlayerEntry, RoadFile, road_of_scenario, route_curves
@@ -231,7 +231,9 @@ def explain(
     sources = Known(told, road, scenario.game.players)
     warnings += check_told(name, sources)
     players, assumptions = [], []
-    leaders = _leaders(road, entry.players, motions) if road else [-1] * len(motions)
+    leaders = [-1] * len(motions)
+    if road is not None and any(isinstance(f, Following) for f in sources.players[0].features):
+        leaders = _leaders(road, entry.players, motions)
     for i, (player, motion) in enumerate(zip(entry.players, motions, strict=True)):
         match = None if drawn is None else drawn[i]
         costs = scenario.game.players[0 if match is None else match]
@@ -258,8 +260,7 @@ def _leaders(road: Road, names: Sequence[str], motions: Sequence[Motion]) -> lis
     found = []
     for name, motion in zip(names, motions, strict=True):
         at = int(np.flatnonzero(motion.seen)[-1])
-        cars = {n: standing(m, at) for n, m in zip(names, motions, strict=True)}
-        scene = Scene(road, {n: car for n, car in cars.items() if car is not None})
+        scene = Scene(road, standing_cars(names, motions, at))
         leader = scene.leader(name) if name in scene.cars else None
         found.append(-1 if leader is None else list(names).index(leader))
     return found

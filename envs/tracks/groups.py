@@ -1,15 +1,13 @@
 """Which cars of a recording interact, and why."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from olne_bench.envs.recordings.recording_file import RecordingFile
 from olne_bench.envs.tracks.grid import Grid, Motion
-from olne_bench.envs.tracks.leaders import Scene, Standing, standing
+from olne_bench.envs.tracks.leaders import Scene, Standing, motions_of, standing_cars
 from olne_bench.envs.tracks.road import Road
-from olne_bench.envs.tracks.table import STATE_NAMES
 
 FOLLOWS, CUTS_IN, CROSSES = "follows", "changes into the lane of", "crosses the way of"
 #: Every so many seconds leaders are looked for.
@@ -46,27 +44,16 @@ class Group:
         return sum(one.strength for one in self.interactions)
 
 
-def grid_and_road(recording: RecordingFile) -> tuple[Grid, Road | None]:
-    """The tracks of a recording's first episode, and its lanes."""
-    entry = recording.metadata.episodes[0]
-    states = np.full((*recording.states[0].shape[:2], len(STATE_NAMES)), np.nan)
-    for k, name in enumerate(STATE_NAMES.values()):
-        if name in recording.metadata.state_names:
-            column = recording.metadata.state_names.index(name)
-            states[..., k] = recording.states[0][..., column]
-    grid = Grid(recording.times[0], list(entry.players), states)
-    return grid, None if entry.road is None else entry.road.road()
-
-
 def groups_in(grid: Grid, road: Road | None, most: int) -> list[Group]:
     """Groups of up to ``most`` cars that are seen together, the strongest first.
 
     Pairs that interact are joined, the strongest first, while they fit and are all seen at the same
     times. A car may be in several groups. Without a road only crossing ways are found.
     """
-    found = [*_crossing(grid)]
+    motions = motions_of(grid)
+    found = [*_crossing(grid, motions)]
     if road is not None:
-        found += [*_in_lanes(grid, road)]
+        found += _in_lanes(grid, motions, road)
     found.sort(key=lambda one: -one.strength)
     groups: list[Group] = []
     for seed in found:
@@ -102,40 +89,30 @@ def _together(grid: Grid, players: Sequence[str]) -> tuple[float, float] | None:
     return float(times[0]), float(times[-1])
 
 
-def _motions(grid: Grid) -> list[Motion]:
-    names = list(STATE_NAMES.values())
-    return [Motion.of(grid.states[:, i], names, grid.step) for i in range(len(grid.players))]
-
-
-def _in_lanes(grid: Grid, road: Road) -> Iterator[Interaction]:
+def _in_lanes(grid: Grid, motions: Sequence[Motion], road: Road) -> list[Interaction]:
     """Who follows whom, and who has come in between."""
-    motions, before = _motions(grid), dict[str, str | None]()
+    before: dict[str, str | None] = {}
     strongest: dict[tuple[str, str, str], Interaction] = {}
     lanes: dict[str, str | None] = {}
     for at in range(0, len(grid.times), max(1, round(_EVERY / grid.step))):
-        cars = {
-            name: car
-            for name, motion in zip(grid.players, motions, strict=True)
-            if (car := standing(motion, at)) is not None
-        }
-        scene = Scene(road, cars)
-        for name in cars:
+        scene = Scene(road, standing_cars(grid.players, motions, at))
+        for name in scene.cars:
             leader, earlier = scene.leader(name), before.get(name)
             before[name] = leader
             if leader is None:
                 continue
             moved = lanes.get(leader) not in (None, scene.lane(name))
             cut = moved and earlier is not None and earlier != leader
-            one = _pair(cars, name, leader, float(grid.times[at]), cut=cut)
+            one = _pair(scene.cars, name, leader, float(grid.times[at]), cut=cut)
             key = one.who, one.what, one.whom
             if key not in strongest or strongest[key].strength < one.strength:
                 strongest[key] = one
-        lanes = {name: scene.lane(name) for name in cars}
-    return iter(strongest.values())
+        lanes = {name: scene.lane(name) for name in scene.cars}
+    return [*strongest.values()]
 
 
 def _pair(
-    cars: dict[str, Standing], follower: str, leader: str, time: float, *, cut: bool
+    cars: Mapping[str, Standing], follower: str, leader: str, time: float, *, cut: bool
 ) -> Interaction:
     """What a follower and its leader are to each other."""
     if cut:
@@ -146,9 +123,8 @@ def _pair(
     return Interaction(follower, FOLLOWS, leader, time, min(1.0, closing / 4 + min(close, 1) / 2))
 
 
-def _crossing(grid: Grid) -> Iterator[Interaction]:
+def _crossing(grid: Grid, motions: Sequence[Motion]) -> Iterator[Interaction]:
     """Pairs whose ways cross, and who are there soon after each other."""
-    motions = _motions(grid)
     for i, first in enumerate(motions):
         for j in range(i + 1, len(motions)):
             second = motions[j]

@@ -1,12 +1,13 @@
 """Lanes of recorded cars at one moment: where a car goes on to, and whom it follows."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from olne_bench.envs.tracks.grid import Motion
+from olne_bench.envs.tracks.grid import Grid, Motion
 from olne_bench.envs.tracks.road import Place, Road, locate
+from olne_bench.envs.tracks.table import STATE_NAMES
 
 #: A car is in a lane up to this distance beside its centre line [m].
 BESIDE = 2.2
@@ -40,6 +41,20 @@ def standing(motion: Motion, at: int) -> Standing | None:
     return Standing(motion.positions[at], float(told[-1]), float(abs(speed)))
 
 
+def motions_of(grid: Grid) -> list[Motion]:
+    """The motion of each player."""
+    names = list(STATE_NAMES.values())
+    return [Motion.of(grid.states[:, i], names, grid.step) for i in range(len(grid.players))]
+
+
+def standing_cars(
+    players: Sequence[str], motions: Sequence[Motion], at: int
+) -> dict[str, Standing]:
+    """The cars that are seen at a sample, by their names."""
+    found = ((name, standing(own, at)) for name, own in zip(players, motions, strict=True))
+    return {name: car for name, car in found if car is not None}
+
+
 class Scene:
     """All cars of a road at one moment."""
 
@@ -56,8 +71,7 @@ class Scene:
             car, found = self.cars[name], []
             for lane, shape in self.road.lanes.items():
                 place = locate(shape.line, car.position[None])
-                along = np.cos(place.heading[0] - car.heading) > _ALONG
-                if along and place.distance[0] < BESIDE:
+                if _inside(place, car.heading)[0]:
                     found.append((float(place.distance[0]), lane))
             self._lanes[name] = min(found)[1] if found else None
         return self._lanes[name]
@@ -67,10 +81,9 @@ class Scene:
         lane = self.lane(follower)
         if lane is None:
             return None
-        place, inside = self._on(way_on(self.road, lane))
-        names = list(self.cars)
+        place, names = locate(way_on(self.road, lane), self._positions), list(self.cars)
         ahead = place.along - place.along[names.index(follower)]
-        ahead[~inside | (ahead < _BUMPER)] = np.inf
+        ahead[~_inside(place, self._headings) | (ahead < _BUMPER)] = np.inf
         nearest = int(ahead.argmin())
         return names[nearest] if ahead[nearest] < REACH else None
 
@@ -84,11 +97,15 @@ class Scene:
             chain.append(leader)
         return chain
 
-    def _on(self, line: np.ndarray) -> tuple[Place, np.ndarray]:
-        """The cars' places on a line, and which of them are on it and drive along it."""
-        place = locate(line, self._positions)
-        along = np.cos(place.heading - self._headings) > _ALONG
-        return place, (place.distance < BESIDE) & along
+
+def _inside(place: Place, headings: np.ndarray | float) -> np.ndarray:
+    """Which cars (S,) of these headings are on a line and drive along it."""
+    return (place.distance < BESIDE) & (np.cos(place.heading - headings) > _ALONG)
+
+
+def folded(angle: float) -> float:
+    """An angle between -pi and pi [rad]."""
+    return float((angle + np.pi) % (2 * np.pi) - np.pi)
 
 
 def way_on(road: Road, lane: str) -> np.ndarray:
@@ -113,5 +130,5 @@ def _length(line: np.ndarray) -> float:
 def _turn(line: np.ndarray, following: np.ndarray) -> float:
     """Angle [rad] between the end of a line and the first part of a following one, as a whole."""
     ends = line[-1] - line[-2], following[-1] - following[0]
-    angles = [np.arctan2(y, x) for x, y in ends]
-    return abs(float((np.diff(angles)[0] + np.pi) % (2 * np.pi) - np.pi))
+    before, after = (np.arctan2(y, x) for x, y in ends)
+    return abs(folded(after - before))

@@ -6,16 +6,22 @@ lane at constant speed, which needs no game.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 
 from olne_bench.envs.scenarios.following import CAR, driver
 from olne_bench.envs.tracks.grid import Grid, Motion
-from olne_bench.envs.tracks.leaders import Scene, Standing, standing, way_on
-from olne_bench.envs.tracks.road import Road, locate
-from olne_bench.envs.tracks.table import STATE_NAMES
+from olne_bench.envs.tracks.leaders import (
+    Scene,
+    Standing,
+    folded,
+    motions_of,
+    standing_cars,
+    way_on,
+)
+from olne_bench.envs.tracks.road import Place, Road, locate
 from olne_bench.errors import UserError
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.lanes import StraightLane
@@ -106,13 +112,12 @@ def predict_cars(
     last = _sample(grid, at)
     if not STEP <= ahead <= LONGEST:
         raise UserError(f"--ahead {ahead:g}: expected {STEP:g} to {LONGEST:g} s")
-    names = list(STATE_NAMES.values())
-    cars = {}
-    for i, name in enumerate(grid.players):
-        motion = Motion.of(grid.states[: last + 1, i], names, grid.step)
-        car = standing(motion, last)
-        if car is not None:
-            cars[name] = Standing(car.position, car.heading, _present_speed(motion, grid.step))
+    seen = Grid(grid.times[: last + 1], grid.players, grid.states[: last + 1])
+    motions = motions_of(seen)
+    cars = {
+        name: replace(car, speed=_present_speed(motions[grid.players.index(name)], grid.step))
+        for name, car in standing_cars(grid.players, motions, last).items()
+    }
     missing = [name for name in players if name not in cars]
     if missing or not cars:
         who = f"player {missing[0]!r}" if missing else "nobody"
@@ -187,14 +192,19 @@ def _foreseen(
 
 
 def _on_way(line: np.ndarray, car: Standing) -> _OnWay:
-    (along, left), heading = _places(line, car.position[None])[0], locate(line, car.position[None])
-    off = (car.heading - heading.heading[0] + np.pi) % (2 * np.pi) - np.pi
-    return _OnWay(float(along), float(left), float(off), car.speed)
+    place = locate(line, car.position[None])
+    along, left = _beside(line, place, car.position[None])[0]
+    off = folded(car.heading - float(place.heading[0]))
+    return _OnWay(float(along), float(left), off, car.speed)
 
 
 def _places(line: np.ndarray, positions: np.ndarray) -> np.ndarray:
     """Distances (S, 2) along a line and to its left [m], beyond its ends as well."""
-    place = locate(line, positions)
+    return _beside(line, locate(line, positions), positions)
+
+
+def _beside(line: np.ndarray, place: Place, positions: np.ndarray) -> np.ndarray:
+    """``_places`` of positions that are located."""
     ahead = np.stack([np.cos(place.heading), np.sin(place.heading)], axis=1)
     off = positions - _points(line, place.along, np.zeros(len(positions)))
     along = place.along + (off * ahead).sum(axis=1)

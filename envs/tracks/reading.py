@@ -81,6 +81,28 @@ def read_whole(
     return read_tracks(path, format_name, excerpt=Excerpt(most=ANY), road=road, part=part).recording
 
 
+def grid_and_road(recording: RecordingFile) -> tuple[Grid, Road | None]:
+    """The tracks of a recording's first episode, and its lanes."""
+    entry = recording.metadata.episodes[0]
+    states = np.full((*recording.states[0].shape[:2], len(STATE_NAMES)), np.nan)
+    for k, name in enumerate(STATE_NAMES.values()):
+        if name in recording.metadata.state_names:
+            column = recording.metadata.state_names.index(name)
+            states[..., k] = recording.states[0][..., column]
+    grid = Grid(recording.times[0], list(entry.players), states)
+    return grid, None if entry.road is None else entry.road.road()
+
+
+def on_lanes(
+    path: Path, format_name: str = "csv", road: Path | None = None, part: str | None = None
+) -> tuple[Grid, Road]:
+    """``grid_and_road`` of ``read_whole``; UserError if there are no lanes."""
+    grid, lanes = grid_and_road(read_whole(path, format_name, road, part))
+    if lanes is None:
+        raise UserError(f"{path} has no lanes, along which to predict; give them by --road")
+    return grid, lanes
+
+
 def _plausible(path: Path, grid: Grid, excerpt: Excerpt) -> Grid:
     """The grid without a few odd players whom nobody named; UserError where units are wrong."""
     problems = unit_problems(path, grid.states, grid.step, grid.players)

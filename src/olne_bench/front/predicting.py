@@ -5,10 +5,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from olne_bench.envs.tracks.groups import grid_and_road
 from olne_bench.envs.tracks.prediction import predict_cars, prediction_table
-from olne_bench.envs.tracks.reading import read_whole
-from olne_bench.errors import UserError
+from olne_bench.envs.tracks.reading import on_lanes
 
 
 def predict(
@@ -37,9 +35,6 @@ def predict(
     Raises:
         UserError: on a file that cannot be read or has no lanes, and where nobody is seen.
     """
-    path = Path(tracks)
-    grid, lanes = grid_and_road(read_whole(path, format, None if road is None else Path(road)))
-    if lanes is None:
-        raise UserError(f"{path} has no lanes, along which to predict; give them by road=")
+    grid, lanes = on_lanes(Path(tracks), format, None if road is None else Path(road))
     time = float(grid.times[-1]) if at is None else at
     return prediction_table(predict_cars(grid, lanes, time, ahead, players=players))
