@@ -139,7 +139,7 @@ class Posterior:
         parts = [self.density(one.problem, one.observation, deadline) for one in motions]
         density = SharedDensity(parts, [one.drivers for one in motions])
         optima = _meant(motions[0].problem, [one for one in attempts if one.converged])
-        peaks = _different(density, (density.place(games_of(one)) for one in optima))
+        peaks = different_peaks(density, (density.place(games_of(one)) for one in optima))
         if not best.converged or not peaks:
             return best
         fits = self._fits(density, peaks, rng)
@@ -164,7 +164,7 @@ class Posterior:
         optima = probable_optima(problem, observation.y, problem.prior, deadline)
         density = self.density(problem, observation, deadline)
         games = (games_of(one)[0] for one in _meant(problem, optima))
-        return density, _different(density, map(density.place, games))
+        return density, different_peaks(density, map(density.place, games))
 
     def density(self, problem: Problem, observation: Observation, deadline: float) -> GameDensity:
         """The density (B1), as of ``peaks``; (B1) with a prior of x_1 overrides it."""
@@ -270,7 +270,7 @@ def _covariance(weights: np.ndarray, shares: np.ndarray) -> np.ndarray:
     return np.asarray(np.cov(flat, rowvar=False, aweights=shares))
 
 
-def _different(density: Density, places: Iterable[Places]) -> list[Peak]:
+def different_peaks(density: Density, places: Iterable[Places]) -> list[Peak]:
     """Different peaks near places, the most probable first."""
     found: list[Peak] = []
     for place in places:

@@ -47,7 +47,8 @@ time_limit = 120.0
 # As in roads.toml.
 root_iterations = 0
 estimators = [
-    "kkt_constrained", "map", "ridge", "kkt_residual", "ukf", "particle", "posterior", "uniform",
+    "kkt_constrained", "map", "ridge", "kkt_residual", "ukf", "particle", "posterior", "robust",
+    "imperfect", "uniform",
 ]
 metrics = [
     { name = "ahead_error", label = "ahead_1s", parameters = { seconds = 1.0 } },

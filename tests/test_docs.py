@@ -77,7 +77,7 @@ def shortened(words, ending):
         return words
     added = {"--seeds": "1"}
     if not words[1].endswith(".toml"):
-        added |= {"--scenario": "two_player", "--sigma": "0.01"}
+        added |= {"--scenario": "two_player", "--sigma": "0.05"}
     options = [word for name, value in added.items() if name not in words for word in (name, value)]
     return [*words, *options, ending]
 

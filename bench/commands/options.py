@@ -25,15 +25,19 @@ _NAME_SIZE = 200
 SUBMISSIONS = Path("results/submissions")
 
 
-def command(name: str | None = None) -> Callable[[Callable[[], None]], click.Command]:
+def command(
+    name: str | None = None, first: Callable[..., None] | None = None
+) -> Callable[[Callable[[], None]], click.Command]:
     """Make a command of a function that has its options and help, and the name of its work.
 
     The work is the function of this name, in the module of this name in ``bench.commands``. It is
-    imported when it is called, as that takes seconds.
+    imported when it is called, as that takes seconds. ``first`` is called before.
     """
 
     def decorated(called: Callable[[], None]) -> click.Command:
         def work(**given: Any) -> None:
+            if first is not None:
+                first(**given)
             module = import_module(f"olne_bench.bench.commands.{called.__name__}")
             getattr(module, called.__name__)(**given)
 

@@ -18,7 +18,6 @@ from olne_bench.bench.plan.outcome import FAILURES
 from olne_bench.bench.plan.select import Selection
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.report.formats import read_formats
-from olne_bench.bench.run import referee
 from olne_bench.bench.run.interrupt import stop_request
 from olne_bench.bench.run.store import Store, open_store
 from olne_bench.bench.run.study import Machine, Wanted, begin, load_study, run_stored
@@ -42,8 +41,6 @@ def run(
     """Run SUITE, a name or a TOML file."""
     drawn = read_formats(formats) if figures else ()
     wanted, machine = _wanted(suite, **asked), Machine(out, jobs, dask, memory)
-    if dask is None:
-        referee.begin()
     whole = load_study(wanted, machine)
     foreign = [one.column for one in whole.metrics if not is_built_in(METRIC, one.name)]
     if foreign and whole.kind != "trials":

@@ -7,7 +7,10 @@ from olne_bench.estimators.protocol import Problem
 from olne_bench.games.model.weight_prior import LEAST_MASS, WeightPrior
 
 #: Built-in estimators that use the prior of weights.
-WITH_PRIOR = ("map", "neural_posterior", "particle", "posterior", "ukf")
+WITH_PRIOR = ("imperfect", "map", "neural_posterior", "particle", "posterior", "robust", "ukf")
+
+#: Those that may have another one.
+_WITH_ALPHA = ("imperfect", "map", "posterior")
 
 
 def prior_told(scenario: Scenario, rules: Rules) -> WeightPrior:
@@ -17,9 +20,9 @@ def prior_told(scenario: Scenario, rules: Rules) -> WeightPrior:
 
 def prior_used(estimator: EstimatorEntry, told: WeightPrior) -> WeightPrior | None:
     """The prior that an estimator uses: the told one, or one that its parameters name instead."""
-    if estimator.name not in WITH_PRIOR:
+    if estimator.name not in WITH_PRIOR or estimator.parameters.get("of") == "kkt_constrained":
         return None
-    alpha = estimator.parameters.get("alpha") if estimator.name in ("map", "posterior") else None
+    alpha = estimator.parameters.get("alpha") if estimator.name in _WITH_ALPHA else None
     return told if alpha is None else WeightPrior((float(alpha),))
 
 

@@ -72,8 +72,15 @@ def _all_metrics(suite: Suite) -> list[MetricEntry]:
     """The built-in metrics, with parameters that the suite gives them, then the others."""
     others = list(suite.metrics)
     own = []
-    for name in registry.names(METRIC):
-        if registry.is_built_in(METRIC, name):
+    built_in = [name for name in registry.names(METRIC) if registry.is_built_in(METRIC, name)]
+    for name in suite.left_out:
+        if name not in built_in:
+            raise UserError(
+                f"suite {suite.name!r} leaves out {name!r}, which is no built-in metric; those "
+                f"are: {', '.join(built_in)}"
+            )
+    for name in built_in:
+        if name not in suite.left_out:
             given = next((entry for entry in others if entry.name == name), None)
             own.append(given or MetricEntry(name=name))
             if given is not None:

@@ -81,6 +81,7 @@ class Suite(Strict):
     estimators: tuple[EstimatorEntry, ...] = Field(min_length=1, max_length=MOST_ENTRIES)
     # a file need not list the built-in ones
     metrics: tuple[MetricEntry, ...] = Field(default=(), max_length=MOST_ENTRIES)
+    left_out: tuple[Name, ...] = ()  # built-in metrics that are not measured
     gate: dict[Label, GateLimits] = Field(default_factory=dict)  # limits by estimator label
 
     figures: tuple[FigureKind, ...] = ()  # what reports draw; none named: all
@@ -117,9 +118,9 @@ class Suite(Strict):
 
     @model_serializer(mode="wrap")
     def _what_is_set(self, handler: SerializerFunctionWrapHandler) -> dict[str, Any]:
-        """Without kind, rules and figures where they are the usual ones."""
+        """Without what is the usual one of kind, rules, figures and metrics left out."""
         data: dict[str, Any] = handler(self) | {"rules": self.rules.given}
-        usual = {"kind": "trials", "rules": {}, "figures": ()}
+        usual = {"kind": "trials", "rules": {}, "figures": (), "left_out": ()}
         return {key: value for key, value in data.items() if usual.get(key) != value}
 
     @property

@@ -171,6 +171,11 @@ class Nursery:
                 self.gone = True
                 return None
 
+    def tell(self, message: dict[str, Any]) -> None:
+        """Say what it does not answer."""
+        with self._lock, suppress(OSError):  # the next question finds out that it is gone
+            send(self._control, message)
+
     def end(self) -> int:
         """End it and its forks; its exit code."""
         self.gone = True
@@ -193,6 +198,13 @@ _lock = threading.Lock()
 def begin(modules: Sequence[str]) -> None:
     """Start the nursery of this process, which imports modules meanwhile, unless there is one."""
     _nursery(_ERRORS, modules)
+
+
+def meanwhile(modules: Sequence[str]) -> None:
+    """Have the nursery that was begun import more, without waiting for it."""
+    with _lock:
+        if _own is not None and not _own.gone and _own.owner == os.getpid():
+            _own.tell({"import": modules})
 
 
 def _nursery(output: IO[Any] | int, modules: Sequence[str] = ()) -> Nursery:
@@ -252,6 +264,9 @@ def _serve(control: socket.socket) -> None:
     with suppress(OSError):
         while True:
             asked, descriptors = receive(control, None)
+            if "import" in asked:
+                _import(asked["import"])
+                continue
             if "end" in asked:
                 said = _end_of(asked["end"])
             else:

@@ -22,7 +22,8 @@ from olne_bench.errors import UserError
 #: Built-in estimators that use no data, or not what they are told: they have scores, and no rank.
 _FLOORS = ("uniform", "ignorant")
 #: Built-in estimators that are told, or have learned, how true weights are drawn.
-_KNOW_PRIOR = ("map", "posterior", "neural_posterior", "particle", "ridge", "ukf")
+_KNOW_PRIOR = {"imperfect", "map", "posterior", "neural_posterior", "particle", "ridge", "robust"}
+_KNOW_PRIOR |= {"ukf"}
 
 #: The metric that ranks estimators if a run has it; else the first metric that is compared.
 _USUAL_PRIMARY = "position_error"

@@ -11,7 +11,6 @@ from olne_bench.bench.judge.players import Staff, all_seconds, own_seconds
 from olne_bench.bench.plan.draws import opened
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
-from olne_bench.bench.process import nursery
 from olne_bench.bench.process.channel import Channel
 from olne_bench.bench.process.child import (
     ATTEMPTS,
@@ -159,11 +158,6 @@ def _modules(trial: Trial) -> tuple[str, ...]:
 
 def _usual_modules(kind: str) -> tuple[str, ...]:
     return __name__, player.__name__, f"olne_bench.bench.judge.{kind}"
-
-
-def begin() -> None:
-    """Have what judges trials imported while this process goes on."""
-    nursery.begin(_usual_modules("trials"))
 
 
 _staff: Staff | None = None

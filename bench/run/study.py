@@ -8,11 +8,13 @@ from typing import Any
 
 from olne_bench.bench.plan.draws import draws_path, draws_source
 from olne_bench.bench.plan.kinds import StudyKind
+from olne_bench.bench.plan.learn import Question
 from olne_bench.bench.plan.load import check_gate, load_suite, suite_text
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.select import Selection, changed, joined, select
 from olne_bench.bench.plan.suite import Suite, check_salt, read_suite_json, salted
 from olne_bench.bench.plan.trial import Trial, in_order_of_plugins, number_of_trials
+from olne_bench.bench.process import nursery
 from olne_bench.bench.run.check_study import check_fit, check_kind, check_priors
 from olne_bench.bench.run.cluster import check_cluster, run_on_dask
 from olne_bench.bench.run.describe_plugins import describe_all
@@ -20,6 +22,7 @@ from olne_bench.bench.run.executor import run_trials
 from olne_bench.bench.run.provenance import provenance
 from olne_bench.bench.run.resume import Stored, check_same_suite, pending
 from olne_bench.bench.run.store import Store
+from olne_bench.plugins import Description, is_built_in, source
 
 #: File in the run folder for what estimators print.
 LOG = "workers.log"
@@ -94,7 +97,7 @@ def load_study(wanted: Wanted, machine: Machine) -> Suite:
         UserError: on whatever cannot be run.
     """
     check_salt(wanted.salt)
-    describe = partial(describe_all, hidden=machine.out)
+    describe = partial(_described, machine.out)
     suite = load_suite(wanted.suite, wanted.plugins, describe, wanted.kind, wanted.rules)
     check_gate(suite)
     whole = changed(suite, wanted.selection, describe)
@@ -106,6 +109,13 @@ def load_study(wanted: Wanted, machine: Machine) -> Suite:
     if machine.dask is not None:
         check_cluster(machine.dask)
     return whole
+
+
+def _described(hidden: Path, questions: list[Question]) -> list[Description]:
+    """Describe plugins, while built-in ones are imported where they will run."""
+    built_in = [(kind, name) for kind, name, _ in questions if kind and is_built_in(kind, name)]
+    nursery.meanwhile([source(kind, name)[0] for kind, name in built_in])
+    return describe_all(questions, hidden)
 
 
 def begin(suite: Suite, wanted: Wanted, machine: Machine, store: Store) -> Todo:

@@ -98,12 +98,12 @@ def _left(problem: Problem, y: np.ndarray, fit: JointSolution) -> float:
         sensitivity = sample_sensitivity(problem, game)
     except ValueError:  # a fold of equilibria: all unknowns count
         return float(seen.sum() - game.theta.size - game.initial_state.size)
-    free, precision = _fitted(problem, seen, sensitivity)
+    free, precision = fitted_part(problem, seen, sensitivity)
     sizes = np.linalg.svd(free / np.sqrt(precision), compute_uv=False)
     return float(len(free) - (sizes**2 / (sizes**2 + 1)).sum())
 
 
-def _fitted(
+def fitted_part(
     problem: Problem, seen: np.ndarray, sensitivity: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """J (n, F) over sigma, in what may change of theta and the start, and P (F,)."""

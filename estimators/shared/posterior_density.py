@@ -185,6 +185,12 @@ class GameDensity:
         roots = (found if found.possible[0] else near).roots
         return roots[0, :, : _width(self.problem)].reshape(-1, *_shape(self.problem))
 
+    def seen_at(self, place: Places) -> tuple[np.ndarray, np.ndarray]:
+        """States (T, N, n) of one place, and derivatives (T, N, d, n) of samples over sigma."""
+        states = place.roots[:, :, : _width(self.problem)]
+        slopes = self._seen(states)[1][0] / self.problem.sigma
+        return states[0].reshape(-1, *_shape(self.problem)), slopes
+
     @property
     def late(self) -> bool:
         """Whether the deadline has passed."""

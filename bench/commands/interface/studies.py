@@ -1,5 +1,7 @@
 """How the commands on studies are called."""
 
+from typing import Any
+
 import click
 
 from olne_bench.bench.commands.options import (
@@ -17,9 +19,19 @@ from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS
 
 #: Repeats ``submission.fresh_draws.FEWEST``, whose import is slow.
 FEWEST = 20
+#: What judges most trials, and what players need.
+_JUDGES = ("bench.run.referee", "bench.run.player", "bench.judge.trials")
 
 
-@command()
+def _import_judges(dask: str | None, **_: Any) -> None:
+    """Have what judges trials imported while this process imports what it needs itself."""
+    if dask is None:
+        from olne_bench.bench.process import nursery
+
+        nursery.begin([f"olne_bench.{name}" for name in _JUDGES])
+
+
+@command(first=_import_judges)
 @click.argument("suite")
 @click.option("--out", type=PATH, required=True, help="Run folder. An interrupted run continues.")
 @shown("--jobs", type=JOBS, default=2, help="Number of trials to run at the same time.")

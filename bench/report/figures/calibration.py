@@ -2,12 +2,12 @@
 
 import numpy as np
 import pandas as pd
+import scipy
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.ticker import LogLocator, NullLocator
-from scipy.stats import binom
 
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.formats import NotDrawnError
@@ -86,7 +86,9 @@ def _levels(axes: Axes, part: pd.DataFrame) -> None:
 
 
 def _band(axes: Axes, count: int, less: float) -> None:
-    low, high = (binom.ppf(p, count, _AT) / count for p in ((1 - _LEVEL) / 2, (1 + _LEVEL) / 2))
+    low, high = (
+        scipy.stats.binom.ppf(p, count, _AT) / count for p in ((1 - _LEVEL) / 2, (1 + _LEVEL) / 2)
+    )
     axes.fill_between(_AT, low - less * _AT, high - less * _AT, color="0.88", linewidth=0)
 
 

@@ -4,10 +4,10 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
+import scipy
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from scipy.stats import binomtest
 
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration
 from olne_bench.bench.report.figures import style
@@ -131,7 +131,9 @@ def failure_shares(attempts: pd.DataFrame) -> pd.DataFrame:
         failed = published_failures(rows)
         share = low = high = weights[failed].sum() / weights.sum()
         if (weights == 1).all():
-            interval = binomtest(int(failed.sum()), len(rows)).proportion_ci(method="wilson")
+            interval = scipy.stats.binomtest(int(failed.sum()), len(rows)).proportion_ci(
+                method="wilson"
+            )
             low, high = interval.low, interval.high
         known = {"estimator": estimator, "sigma": sigma}
         levels.append(known | {"share": share, "low": low, "high": high})

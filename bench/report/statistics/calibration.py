@@ -7,7 +7,7 @@ point than the truth (``tarp_level``). All are uniform between 0 and 1 if estima
 
 import numpy as np
 import pandas as pd
-from scipy.stats import binomtest, kstest
+import scipy
 
 from olne_bench.bench.report.statistics.identifiability import flat_numbers
 from olne_bench.bench.report.statistics.intervals import share_interval
@@ -57,7 +57,7 @@ def width_table(trials: pd.DataFrame) -> pd.DataFrame:
     rows = []
     for key, group in told.groupby(place, sort=True):
         inside = int((group[LEVEL] <= _REGION).sum())
-        bounds = binomtest(inside, len(group)).proportion_ci(0.95, method="exact")
+        bounds = scipy.stats.binomtest(inside, len(group)).proportion_ci(0.95, method="exact")
         shares = inside / len(group), bounds.low, bounds.high
         rows.append((*key, len(group), *shares, float(group[WIDTH].median())))
     return pd.DataFrame(rows, columns=[*place, *_WIDTH_COLUMNS])
@@ -102,7 +102,7 @@ def _share(name: str, nominal: float, inside: np.ndarray, units: np.ndarray) -> 
 
 
 def _uneven(levels: np.ndarray) -> float:
-    return float(kstest(levels, "uniform").pvalue)
+    return float(scipy.stats.kstest(levels, "uniform").pvalue)
 
 
 def coverage_curve(levels: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

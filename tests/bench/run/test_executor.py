@@ -291,8 +291,8 @@ def test_a_run_waits_for_what_it_has_begun_and_stops_when_asked(tmp_path):
 
 
 def test_a_referee_keeps_to_a_draw_and_helps_with_others_at_the_end() -> None:
-    quick = load_suite("quick")
-    part = select(quick, Selection(sensors=("full",), estimators=("uniform",), seeds=2))
+    chosen = {"scenarios": ("highway", "merge"), "sensors": ("full",), "sigmas": (0.0, 0.05, 0.2)}
+    part = select(load_suite("roads"), Selection(estimators=("uniform",), seeds=2, **chosen))
     trials = [*expand(part)]
     shares, referees = _Shares(trials), [object(), object()]
     given = [shares.next(referees[k % 2]) for k in range(len(trials))]

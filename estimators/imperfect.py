@@ -1,0 +1,193 @@
+"""Samples of the posterior where players leave the equilibrium: soft first-order conditions.
+
+Each control leaves that of the equilibrium by a random, independent kick. Nobody answers a kick, so
+that a player's samples move by S w, where S is their derivative in the player's own controls:
+
+    (I1)  y - h(x(theta, x_1)) = S w + noise,    w_tj ~ N(0, q_j),
+
+one variance q_j for each control j, shared by all steps and players. With all q at zero this is
+the joint method, with its equilibrium as a hard condition; with large ones only what no kick
+explains is left to learn from, as in the residual method. The samples have the covariance
+C = sigma^2 + S q S', so the errors of ``posterior_density`` are whitened by it:
+
+    (I2)  log pi(z, x_1) = -|L^-1 (y - h(x))|^2 / 2 - |z|^2 / 2,    L L' = C.
+
+The variances have the largest restricted likelihood at the peak of (I2), which counts what the fit
+takes from the errors:
+
+    (I3)  min over q of  log |C| + r' C^-1 r - |M^-1 J' C^-1 r|^2 + 2 log |M|,  M M' = J' C^-1 J + P
+
+with residuals r, their derivative J and the prior's precision P. Peak and variances are found in
+turn.
+
+Paper: none; restricted likelihood after Patterson and Thompson 1971.
+Assumes: what ``posterior`` does, but for kicks.
+Cost: that of ``posterior`` and a half.
+Trust: its weights, where players act at random around an equilibrium, or plan again and again. It
+    predicts as if no further kick came.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+from typing import ClassVar
+
+import casadi as ca
+import numpy as np
+from scipy.linalg import cholesky, solve_triangular
+from scipy.optimize import minimize
+
+from olne_bench.estimators.posterior import Posterior, different_peaks
+from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.shared.perturbed_fits import Fits, Peak
+from olne_bench.estimators.shared.posterior_density import STEPS, GameDensity, Places, climbed
+from olne_bench.estimators.shared.trajectory_fit import guess_controls
+from olne_bench.games.compiled.row_functions import RowFunction
+from olne_bench.games.model.dynamics import Dynamics
+
+#: Rounds of peak and variances at most, and the change of coordinates that ends them.
+_ROUNDS, _STILL = 4, 0.01
+#: Logarithm of the mean variance that kicks add to a sample, over that of its noise: where the
+#: search starts, and its ends.
+_FIRST, _LEAST, _MOST = -2.0, -12.0, 8.0
+#: Twice the gain of log likelihood from which on kicks are told.
+_TOLD = 9.2
+
+
+@dataclass(frozen=True)
+class KickedDensity(GameDensity):
+    """(I2)."""
+
+    kicks: "Kicks | None" = None  # None: there are none
+
+    def whitened(self, places: Places) -> Places:
+        """Places of the density without kicks as those of this one."""
+        if self.kicks is None:
+            return places
+        whitening = self.kicks.whitening
+        n = len(whitening)
+        errors, rows = places.errors.copy(), np.empty(len(places), dtype=object)
+        errors[:, :n] = errors[:, :n] @ whitening.T
+        for k, row in enumerate(places.rows):
+            rows[k] = np.concatenate([whitening @ row[:n], row[n:]])
+        return replace(places, errors=errors, rows=rows)
+
+    def _places(self, *known: np.ndarray) -> Places:
+        return self.whitened(super()._places(*known))
+
+
+@dataclass(frozen=True)
+class Kicks:
+    """What is known of kicks.
+
+    Attributes:
+        deviations: (m,) standard deviation of each control.
+        whitening: (n, n) inverse of the root of the samples' covariance, over sigma.
+        gain: twice the log likelihood that kicks gain.
+    """
+
+    deviations: np.ndarray
+    whitening: np.ndarray
+    gain: float
+
+    @classmethod
+    def most_likely(cls, place: Places, moved: np.ndarray) -> "Kicks":
+        """(I3) at a place of the density without kicks, samples moved (n, m, kicks) over sigma."""
+        n = len(moved)
+        errors, prior = place.errors[0, :n], place.rows[0][n:]
+        shapes = np.einsum("nmk,lmk->mnl", moved, moved)
+        sizes = np.maximum(np.trace(shapes, axis1=1, axis2=2) / n, np.finfo(float).tiny)
+        shapes /= sizes[:, None, None]
+        precision, rows = prior.T @ prior, place.rows[0][:n]
+
+        def root_of(logs: np.ndarray) -> np.ndarray:
+            return np.asarray(
+                cholesky(np.eye(n) + np.tensordot(np.exp(logs), shapes, 1), lower=True)
+            )
+
+        def cost(logs: np.ndarray) -> float:
+            root = root_of(logs)
+            both = solve_triangular(root, np.column_stack([rows, errors]), lower=True)
+            J, r = both[:, :-1], both[:, -1]
+            M = cholesky(J.T @ J + precision, lower=True)
+            fitted = solve_triangular(M, J.T @ r, lower=True)
+            volumes = np.log(np.diag(root)).sum() + np.log(np.diag(M)).sum()
+            return float(r @ r - fitted @ fitted + 2 * volumes)
+
+        start = np.full(len(shapes), _FIRST)
+        found = minimize(cost, start, method="L-BFGS-B", bounds=[(_LEAST, _MOST)] * len(start))
+        whitening = solve_triangular(root_of(found.x), np.eye(n), lower=True)
+        without = cost(np.full(len(start), -np.inf))
+        return cls(np.exp(found.x / 2) / np.sqrt(sizes), whitening, without - float(found.fun))
+
+
+@dataclass(frozen=True)
+class Imperfect(Posterior):
+    """Samples of weights, unknowns and initial state of players whose controls are kicked.
+
+    Parameters are as of ``posterior``.
+    """
+
+    name: ClassVar[str] = "imperfect"
+
+    def peaks(
+        self, problem: Problem, observation: Observation, deadline: float
+    ) -> tuple[GameDensity, list[Peak]]:
+        plain, peaks = super().peaks(problem, observation, deadline)
+        if not peaks:
+            return plain, peaks
+        density, place = KickedDensity(**vars(plain)), peaks[0].place
+        for _ in range(_ROUNDS):
+            kicks = Kicks.most_likely(place, _moved(density, place))
+            density = replace(density, kicks=kicks)
+            before, found = place.points, climbed(density, density.whitened(place), STEPS)
+            place = plain.reach(found.points, place)
+            if not place.possible[0] or np.abs(place.points - before).max() < _STILL:
+                break
+        return density, different_peaks(density, (density.whitened(one.place) for one in peaks))
+
+    def _estimate(
+        self,
+        density: GameDensity,
+        peaks: Sequence[Peak],
+        fits: Fits,
+        rng: np.random.Generator,
+    ) -> Estimate:
+        found = super()._estimate(density, peaks, fits, rng)
+        assert isinstance(density, KickedDensity) and density.kicks is not None
+        kicks, names = density.kicks, density.problem.game.dynamics.control_names
+        sizes = dict(zip(names, map(float, kicks.deviations), strict=True))
+        extras = {**found.extras, **{f"kick_{name}": size for name, size in sizes.items()}}
+        if kicks.gain < _TOLD:
+            return replace(found, extras=extras)
+        told = ", ".join(f"{name} by {size:.2g}" for name, size in sizes.items())
+        message = "; ".join(filter(None, [found.message, f"players leave the equilibrium: {told}"]))
+        return replace(found, message=message, extras=extras)
+
+
+def _moved(density: GameDensity, place: Places) -> np.ndarray:
+    """S (n, m, (T-1)*N) over sigma, of the samples that were seen, at a place."""
+    game, (states, samples) = density.problem.game, density.seen_at(place)
+    controls, size = guess_controls(game, states), game.dynamics.state_size
+    steps, players, m = controls.shape
+    inputs = np.concatenate([states[:-1], controls], axis=2)
+    slopes = _step_slopes(game.dynamics, game.dt)(inputs.reshape(-1, size + m))
+    slopes = slopes.reshape(steps, players, size + m, size).swapaxes(2, 3)
+    change = np.zeros((players, size, m, steps))
+    moved = np.zeros((*samples.shape[:3], m, steps, players))
+    for t in range(steps):
+        change = np.einsum("iab,ibmk->iamk", slopes[t, :, :, :size], change)
+        change[..., t] += slopes[t, :, :, size:]
+        for i in range(players):
+            moved[t + 1, i, :, :, :, i] = np.tensordot(samples[t + 1, i], change[i], 1)
+    seen = np.isfinite(density.observation.y)
+    return np.asarray(moved[seen].reshape(int(seen.sum()), m, -1))
+
+
+@lru_cache(maxsize=16)
+def _step_slopes(dynamics: Dynamics, dt: float) -> RowFunction:
+    """State and control (n + m,) -> derivative (n, n + m) of the next state, column by column."""
+    both = ca.SX.sym("xu", dynamics.state_size + dynamics.control_size)
+    state, control = both[: dynamics.state_size], both[dynamics.state_size :]
+    slopes = ca.densify(ca.jacobian(dynamics.step(state, control, dt), both))
+    return RowFunction(ca.Function("slopes", [both], [slopes]), None)

@@ -1,0 +1,107 @@
+"""Players that leave the equilibrium."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from olne_bench.estimators.imperfect import Imperfect, Kicks, _moved
+from olne_bench.estimators.map import Map
+from olne_bench.estimators.posterior import Posterior
+from olne_bench.estimators.protocol import Estimate, Observation
+from olne_bench.games.model.dynamics import rollout
+from olne_bench.games.model.observation import observe
+from olne_bench.games.solve.olne import solve_olne
+
+SIGMA = 0.003
+
+
+def estimated(estimator, problem, observation) -> Estimate:
+    return estimator.estimate(problem, observation, rng=np.random.default_rng(0), budget=60.0)
+
+
+@pytest.fixture
+def kicked(seen):
+    """``kicked(deviation, seed)``: what is seen of players whose acceleration is kicked."""
+    problem, _, weights = seen(sigma=0.0)
+    problem = replace(problem, sigma=SIGMA)
+
+    def make(deviation: float, seed: int = 0) -> tuple[Observation, np.ndarray]:
+        rng, game = np.random.default_rng(seed), problem.game
+        # The start of the fixture's game.
+        start = seen(sigma=0.0)[1][0].y[0]
+        truth = solve_olne(game, weights, start)
+        controls = truth.controls.copy()
+        controls[..., 1] += deviation * rng.standard_normal(controls.shape[:2])
+        states = rollout(game.dynamics, start, controls, game.dt)
+        clean = observe(problem.view, game.dynamics, states)
+        return Observation(clean + SIGMA * rng.standard_normal(clean.shape)), weights
+
+    return problem, make
+
+
+def test_samples_move_as_controls_do(kicked):
+    problem, make = kicked
+    observation, _ = make(0.0)
+    density, peaks = Posterior().peaks(problem, observation, np.inf)
+    place = peaks[0].place
+    states, _ = density.seen_at(place)
+    moved = _moved(density, place)
+    steps, players = len(states) - 1, problem.game.num_players
+    moved = moved.reshape(*observation.y.shape, -1, steps, players)
+    root = place.roots[0]
+    n, m = states[0].size, players * moved.shape[3]
+    controls = root[:-1, n : n + m].reshape(steps, players, -1)
+    there = rollout(problem.game.dynamics, states[0], controls, problem.game.dt)
+    np.testing.assert_allclose(there, states, atol=1e-6)
+    controls[3, 1, 0] += 1e-5
+    away = rollout(problem.game.dynamics, states[0], controls, problem.game.dt) - there
+    np.testing.assert_allclose(moved[..., 0, 3, 1], away / 1e-5 / SIGMA, rtol=1e-3, atol=1e-3)
+
+
+def test_players_that_keep_to_the_equilibrium_are_not_accused(kicked):
+    problem, make = kicked
+    told = []
+    for seed in range(6):
+        observation, _ = make(0.0, seed)
+        density, peaks = Posterior().peaks(problem, observation, np.inf)
+        place = peaks[0].place
+        told.append(Kicks.most_likely(place, _moved(density, place)).gain)
+    assert np.median(told) < 2
+    observation, _ = make(0.0)
+    plain = estimated(Posterior(), problem, observation)
+    found = estimated(Imperfect(), problem, observation)
+    np.testing.assert_allclose(found.weights, plain.weights, atol=0.05)
+    assert "leave" not in found.message
+
+
+def test_kicks_are_found_and_their_size(kicked):
+    problem, make = kicked
+    found = [estimated(Imperfect(), problem, make(0.1, seed)[0]) for seed in range(4)]
+    sizes = [one.extras["kick_acceleration"] for one in found]
+    assert 0.07 < np.median(sizes) < 0.14
+    assert all(one.extras["kick_yaw_rate"] < 0.02 for one in found)
+    assert all("players leave the equilibrium" in one.message for one in found)
+
+
+def test_weights_are_nearer_and_their_regions_wider(kicked):
+    problem, make = kicked
+    errors = {"map": [], "imperfect": []}
+    for seed in range(6):
+        observation, weights = make(0.1, seed)
+        found = estimated(Imperfect(), problem, observation)
+        plain = estimated(Map(), problem, observation)
+        errors["map"].append(np.abs(plain.weights - weights).sum())
+        errors["imperfect"].append(np.abs(found.weights - weights).sum())
+        assert np.trace(found.covariance) > 2 * np.trace(plain.covariance)
+    assert np.mean(errors["imperfect"]) < 0.8 * np.mean(errors["map"])
+
+
+def test_gaps_stay_gaps(kicked):
+    problem, make = kicked
+    observation, _ = make(0.05)
+    y = observation.y.copy()
+    y[4:6, 1] = np.nan
+    found = estimated(Imperfect(), problem, Observation(y))
+    assert found.converged
+    assert np.isfinite(found.samples).all()
