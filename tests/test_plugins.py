@@ -162,7 +162,7 @@ def test_a_bad_file_is_one_line(case, tmp_path):
 @pytest.mark.parametrize(
     ("reference", "expected"),
     [
-        ("nope", "unknown estimator 'nope'; known are: bilevel, "),
+        ("nope", "unknown estimator 'nope'; known are: behaving, bilevel, "),
         ("nope.py", "no estimator file 'nope.py'"),
         ("nope.py:A", "no estimator file 'nope.py'"),
         ("a\0.py", "no estimator file"),

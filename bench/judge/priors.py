@@ -7,7 +7,8 @@ from olne_bench.estimators.protocol import Problem
 from olne_bench.games.model.weight_prior import LEAST_MASS, WeightPrior
 
 #: Built-in estimators that use the prior of weights.
-WITH_PRIOR = ("imperfect", "map", "neural_posterior", "particle", "posterior", "robust", "ukf")
+WITH_PRIOR = {"behaving", "imperfect", "map", "neural_posterior", "particle", "posterior", "robust"}
+WITH_PRIOR |= {"ukf"}
 
 #: Those that may have another one.
 _WITH_ALPHA = ("imperfect", "map", "posterior")

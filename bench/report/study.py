@@ -23,7 +23,7 @@ from olne_bench.errors import UserError
 _FLOORS = ("uniform", "ignorant")
 #: Built-in estimators that are told, or have learned, how true weights are drawn.
 _KNOW_PRIOR = {"imperfect", "map", "posterior", "neural_posterior", "particle", "ridge", "robust"}
-_KNOW_PRIOR |= {"ukf"}
+_KNOW_PRIOR |= {"behaving", "ukf"}
 
 #: The metric that ranks estimators if a run has it; else the first metric that is compared.
 _USUAL_PRIMARY = "position_error"

@@ -1,25 +1,24 @@
 """Players that do not play an open-loop Nash equilibrium of the game that estimators are told."""
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize
 
 from olne_bench.envs.changes.change import Change, own_plan, played
-from olne_bench.envs.changes.plan_costs import PlanCosts
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
-from olne_bench.games.model.costs import CarProximity, Feature, Proximity
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.game import Game
-from olne_bench.games.solve.best_response import best_responses
+from olne_bench.games.solve.behaviours import (
+    NoPlanError,
+    answers,
+    bounded,
+    led_by_first,
+    uncoupled,
+)
 from olne_bench.games.solve.feedback import solve_feedback
-
-#: Rounds in which followers respond to each other, and change [control units] that ends them.
-_ROUNDS, _SETTLED = 30, 1e-9
-#: Iterations of the leader's search.
-_ITERATIONS = 20
-#: Curvature of a cost, relative to the largest, that counts at least: no draw is without bounds.
-_FLATTEST = 1e-6
+from olne_bench.games.solve.plan_costs import PlanCosts
 
 
 class Replanning(Change):
@@ -65,17 +64,12 @@ class Responding(Change):
     def drive(
         self, scenario: Scenario, start: np.ndarray, horizon: int, rng: np.random.Generator
     ) -> np.ndarray:
-        game = replace(scenario.game, horizon=horizon)
-        plan = own_plan(scenario, start, horizon)
-        others = played(uncoupled(game, 1.0), scenario.weights, start, horizon, plan.controls)
-        answers = np.stack(
-            [
-                response(game, i, plan.controls[:, i], others.states, others.controls, scenario)
-                for i in range(game.num_players)
-            ],
-            axis=1,
-        )
-        return blended(game, start, plan.controls, answers, self.dial)
+        game, weights = replace(scenario.game, horizon=horizon), scenario.weights
+        plan = own_plan(scenario, start, horizon).controls
+        others = played(uncoupled(game, 1.0), weights, start, horizon, plan).controls
+        with _found():
+            answered = answers(game, weights, start, others, plan)
+        return blended(game, start, plan, answered, self.dial)
 
 
 class Leading(Change):
@@ -88,31 +82,8 @@ class Leading(Change):
     ) -> np.ndarray:
         game = replace(scenario.game, horizon=horizon)
         plan = own_plan(scenario, start, horizon).controls
-        costs, shape, size = (
-            PlanCosts(game, scenario.weights, start),
-            plan[:, 0].shape,
-            plan[:, 0].size,
-        )
-        # In these units the leader's own cost bends the same in all directions.
-        values, vectors = _bounded(costs.at(plan).own_curvatures[:size, :size])
-        unit, followed = vectors / np.sqrt(values), plan
-
-        def led(away: np.ndarray) -> tuple[float, np.ndarray]:
-            """The leader's cost at its plan, and the derivative, the others' answers included."""
-            nonlocal followed  # the last answers are near the next ones
-            own = plan[:, 0] + (unit @ away).reshape(shape)
-            followed = _followed(game, scenario, start, followed, own)
-            at = costs.at(followed)
-            bent = at.own_curvatures[size:]
-            answers = -np.linalg.solve(bent[:, size:], bent[:, :size])
-            slope = at.slopes[0, :size] + at.slopes[0, size:] @ answers
-            return at.costs[0], unit.T @ slope
-
-        found = minimize(
-            led, np.zeros(size), jac=True, options={"maxiter": _ITERATIONS, "gtol": 1e-4}
-        )
-        own = plan[:, 0] + (unit @ found.x).reshape(shape)
-        followed = _followed(game, scenario, start, followed, own)
+        with _found():
+            followed = led_by_first(game, scenario.weights, start, plan)
         return blended(game, start, plan, followed, self.dial)
 
 
@@ -146,7 +117,7 @@ class Entropic(Change):
         drawn, size = plan.copy(), plan[:, 0].size
         for i in range(game.num_players):
             own = slice(i * size, (i + 1) * size)
-            values, vectors = _bounded(curvatures[own, own])
+            values, vectors = bounded(curvatures[own, own])
             spread = np.sqrt(self.dial / values)
             away = vectors @ (spread * rng.standard_normal(size))
             drawn[:, i] += away.reshape(drawn[:, i].shape)
@@ -173,17 +144,6 @@ class Stock(Change):
         return drive_stock(scenario.name, scenario.game, start, drivers, horizon - 1)
 
 
-def uncoupled(game: Game, share: float) -> Game:
-    """The game in which a share of what players mind of the others is gone."""
-
-    def changed(feature: Feature) -> Feature:
-        if isinstance(feature, Proximity | CarProximity):
-            return replace(feature, scale=(1 - share) * feature.scale)
-        return feature
-
-    return replace(game, players=tuple(player.changed(changed) for player in game.players))
-
-
 def blended(
     game: Game, start: np.ndarray, plan: np.ndarray, other: np.ndarray, share: float
 ) -> np.ndarray:
@@ -191,42 +151,10 @@ def blended(
     return rollout(game.dynamics, start, (1 - share) * plan + share * other, game.dt)
 
 
-def response(
-    game: Game,
-    player: int,
-    plan: np.ndarray,
-    states: np.ndarray,
-    controls: np.ndarray,
-    scenario: Scenario,
-) -> np.ndarray:
-    """A player's best plan (T-1, m) next to a first one, where the others move as given.
-
-    Raises:
-        NoEquilibriumError: if none is found.
-    """
-    found = best_responses(game, player, plan[None], states, controls, scenario.weights)
-    if not found.converged[0]:
-        raise NoEquilibriumError(f"player {player} finds no response")
-    return np.asarray(found.controls[0])
-
-
-def _bounded(curvature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues of a symmetric matrix, none of them too small, and eigenvectors."""
-    values, vectors = np.linalg.eigh(curvature)
-    return np.maximum(values, _FLATTEST * values[-1]), vectors
-
-
-def _followed(
-    game: Game, scenario: Scenario, start: np.ndarray, plan: np.ndarray, own: np.ndarray
-) -> np.ndarray:
-    """Controls (T-1, N, m) in which all others respond to the first player's plan (T-1, m)."""
-    controls = plan.copy()
-    controls[:, 0] = own
-    for _ in range(_ROUNDS):
-        before = controls.copy()
-        for i in range(1, game.num_players):
-            states = rollout(game.dynamics, start, controls, game.dt)
-            controls[:, i] = response(game, i, controls[:, i], states, controls, scenario)
-        if np.abs(controls - before).max() < _SETTLED:
-            break
-    return controls
+@contextmanager
+def _found() -> Iterator[None]:
+    """Plans that are not found are a draw without a motion."""
+    try:
+        yield
+    except NoPlanError as error:
+        raise NoEquilibriumError(str(error)) from error

@@ -191,6 +191,13 @@ class GameDensity:
         slopes = self._seen(states)[1][0] / self.problem.sigma
         return states[0].reshape(-1, *_shape(self.problem)), slopes
 
+    def errors_of(self, states: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """F (O,) of a motion (T, N, n), whether or not it is a game's, at a point (d,)."""
+        y, problem = self.observation.y, self.problem
+        samples = self._seen(states.reshape(1, len(states), -1))[0][0]
+        away = (samples - y / np.array(problem.noise_scale)) / problem.sigma
+        return np.concatenate([away[np.isfinite(y)], self._prior(point[None])[0][0]])
+
     @property
     def late(self) -> bool:
         """Whether the deadline has passed."""

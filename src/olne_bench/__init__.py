@@ -24,6 +24,7 @@ _HOMES = {
     "Problem": "estimators.protocol",
     "Scenario": "envs.scenarios.scenario",
     "Unknown": "games.model.unknowns",
+    "behaviours": "front.behaving",
     "certify": "games.solve.olne",
     "compare": "front.comparing",
     "estimate": "front.estimating",

@@ -7,6 +7,7 @@ from olne_bench.envs.scenarios.scenario import Scenario as Scenario
 from olne_bench.estimators.protocol import Estimate as Estimate
 from olne_bench.estimators.protocol import Observation as Observation
 from olne_bench.estimators.protocol import Problem as Problem
+from olne_bench.front.behaving import behaviours as behaviours
 from olne_bench.front.comparing import compare as compare
 from olne_bench.front.drawing import scenario as scenario
 from olne_bench.front.estimating import estimate as estimate
@@ -40,6 +41,7 @@ __all__ = [
     "Scenario",
     "Unknown",
     "__version__",
+    "behaviours",
     "certify",
     "compare",
     "constraints",

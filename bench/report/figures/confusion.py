@@ -30,7 +30,7 @@ def draw(table: pd.DataFrame) -> Figure:
         own = table[table["estimator"] == estimator]
         wide = own.pivot_table("drivers", "temperament", "recognised", aggfunc="sum")
         wide = wide.reindex(index=list(TEMPERAMENTS), columns=names)
-        _panel(panel, wide.div(wide.sum(axis=1), axis=0).fillna(0.0).to_numpy(float))
+        shares_panel(panel, wide.div(wide.sum(axis=1), axis=0).fillna(0.0).to_numpy(float))
         panel.set_xticks(range(len(names)), names, rotation=60)
         panel.set_yticks(range(len(TEMPERAMENTS)), list(TEMPERAMENTS))
     style.entitle(figure, f"{table['scenario'].iloc[0]}: share of the drivers of each row [%]")
@@ -39,7 +39,8 @@ def draw(table: pd.DataFrame) -> Figure:
     return figure
 
 
-def _panel(axes: Axes, shares: np.ndarray) -> None:
+def shares_panel(axes: Axes, shares: np.ndarray) -> None:
+    """Show shares (R, C) from 0 to 1 as numbers in per cent on blue."""
     axes.imshow(shares, cmap="Blues", vmin=0, vmax=1, aspect="auto")
     axes.grid(visible=False)
     for (i, j), share in np.ndenumerate(shares):

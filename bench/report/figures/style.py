@@ -42,6 +42,7 @@ ESTIMATOR_COLOURS = {
     "neural_posterior": ("#A3007D", "#F2A6DD"),
     "robust": ("#AA00FF", "#DDB8FF"),
     "imperfect": ("#000099", "#BFC6FF"),
+    "behaving": ("#5C0A3A", "#D9A3C4"),
 }
 #: Pairs of all other estimators, chosen by name.
 FOREIGN_COLOURS = (
@@ -62,7 +63,7 @@ FLOOR_COLOUR = "#8C8C8C"
 LINE_STYLES: tuple[LineStyleType, ...] = ("-", (0, (4, 1.5)), (0, (1, 1)), (0, (4, 1, 1, 1)))
 #: Markers of plugins, and of built-in estimators. A triangle that points up is a failure.
 MARKERS = ("o", "s", "D", "v", "P", "X")
-_OWN_MARKERS = (*MARKERS, "p", "h", "d", "8", "*", "H")
+_OWN_MARKERS = (*MARKERS, "p", "h", "d", "8", "*", "H", "<")
 
 _SAVING: dict[str, dict[str, Any]] = {
     # Points and ribbons are rasterised at this resolution, which keeps files small.

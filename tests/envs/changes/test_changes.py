@@ -7,10 +7,10 @@ import pytest
 
 from olne_bench.envs.changes import CHANGES, make_change
 from olne_bench.envs.changes.change import Samples
-from olne_bench.envs.changes.plan_costs import PlanCosts
 from olne_bench.envs.recordings.recording import record
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.solved.equilibrium import certified_equilibrium
+from olne_bench.games.solve.plan_costs import PlanCosts
 from olne_bench.plugins import PluginError
 
 TWO = {"of": "two_player", "options": {"weights": "dirichlet"}}

@@ -1,0 +1,116 @@
+"""Who behaves how: the behaviour that made a motion, and the one that explains it best.
+
+    python scripts/behaviours.py [--out results/behaviours] [--draws 12]
+
+Motions of each behaviour are drawn by the scenario ``changed`` and seen with noise.
+``ob.behaviours`` compares all but ``leading``, which takes minutes. A behaviour is chosen where its
+probability is at least 0.9; else the motion cannot be told apart. Rows that are there already are
+kept, so that the study goes on where it ended. Writes trials.csv, confusion.csv and behaviours.png.
+"""
+
+from collections.abc import Iterator
+from itertools import product
+from pathlib import Path
+
+import shared
+import numpy as np
+import pandas as pd
+from matplotlib.figure import Figure
+from tqdm import tqdm
+
+import olne_bench as ob
+from olne_bench.bench.report.figures import style
+from olne_bench.bench.report.figures.confusion import shares_panel
+
+ROAD = {"num_players": 3, "weights": "temperaments"}
+SCENARIOS = {"intersection": ROAD, "highway": ROAD, "two_player": {"weights": "dirichlet"}}
+TRUTHS = ("open_loop", "feedback", "responding", "alone")
+CHOICES = (*TRUTHS, "straight")
+UNDECIDED = "undecided"
+#: Noise levels [m]; the crossing of two players is a hundred times smaller than roads.
+SIGMAS = {
+    "intersection": (0.05, 0.2, 0.5),
+    "highway": (0.05, 0.2, 0.5),
+    "two_player": (0.005, 0.02),
+}
+SURE = 0.9
+KEY = ["scenario", "sigma", "truth", "seed"]
+
+
+def main(out: Path = Path("results/behaviours"), draws: int = 12) -> None:
+    """Run what is missing, write and print."""
+    out.mkdir(parents=True, exist_ok=True)
+    path = out / "trials.csv"
+    rows = pd.read_csv(path).to_dict("records") if path.exists() else []
+    done = {tuple(row[name] for name in KEY) for row in rows}
+    missing = [one for one in trials(draws) if one not in done]
+    for one in tqdm(missing, unit="motion"):
+        row = compared(*one)
+        if row is not None:
+            rows.append(row)
+            pd.DataFrame(rows).sort_values(KEY).round(4).to_csv(path, index=False)
+    table = confusion(pd.read_csv(path))
+    table.to_csv(out / "confusion.csv", index=False)
+    with style.applied():
+        style.save(picture(table), out / "behaviours", ["png"])
+    shared.show({str(k): v for k, v in row.items()} for row in table.to_dict("records"))
+
+
+def trials(draws: int) -> Iterator[tuple[str, float, str, int]]:
+    """Scenario, noise level, behaviour and seed of each motion."""
+    for scenario in SCENARIOS:
+        yield from product([scenario], SIGMAS[scenario], TRUTHS, range(draws))
+
+
+def compared(scenario: str, sigma: float, truth: str, seed: int) -> dict[str, object] | None:
+    """Probabilities of behaviours for one motion; None where there is no such draw."""
+    change = (
+        {"change": "alone", "dial": 0.0} if truth == "open_loop" else {"change": truth, "dial": 1.0}
+    )
+    try:
+        drawn = ob.scenario("changed", seed, of=scenario, options=SCENARIOS[scenario], **change)
+        problem, seen = ob.observe(drawn, sigma=sigma, seed=seed)
+    except ob.NoEquilibriumError:
+        return None
+    row: dict[str, object] = dict(zip(KEY, (scenario, sigma, truth, seed), strict=True))
+    try:
+        found = ob.behaviours(problem, seen, CHOICES).set_index("behaviour")["probability"]
+    except ValueError:
+        return row | {"chosen": "none", **dict.fromkeys(CHOICES, 0.0)}
+    best = str(found.idxmax())
+    chosen = best if found[best] >= SURE else UNDECIDED
+    return row | {"chosen": chosen, **{name: float(found[name]) for name in CHOICES}}
+
+
+def confusion(rows: pd.DataFrame) -> pd.DataFrame:
+    """How many motions of each behaviour were taken for each, and how many of the choices right."""
+    names = [*CHOICES, UNDECIDED, "none"]
+    groups = rows.groupby(["scenario", "sigma", "truth"])["chosen"]
+    table = pd.DataFrame({name: groups.agg(lambda own, n=name: (own == n).sum()) for name in names})
+    table = table.reset_index()
+    right = np.array([row[row["truth"]] for _, row in table.iterrows()])
+    chosen = table[list(CHOICES)].sum(axis=1)
+    table["right"] = np.where(chosen > 0, right / np.maximum(chosen, 1), np.nan).round(3)
+    return table
+
+
+def picture(table: pd.DataFrame) -> Figure:
+    """Shares of the motions of each behaviour, at the least noise of each scenario."""
+    names = [*CHOICES, UNDECIDED]
+    figure, panels = style.grid(
+        [f"{name}, {SIGMAS[name][0]:g} m" for name in SCENARIOS], (2.9, 2.6)
+    )
+    for axes, scenario in zip(panels, SCENARIOS, strict=True):
+        own = table[(table["scenario"] == scenario) & (table["sigma"] == SIGMAS[scenario][0])]
+        counts = own.set_index("truth").reindex(TRUTHS)[names].fillna(0.0)
+        shares_panel(axes, counts.div(counts.sum(axis=1).clip(lower=1), axis=0).to_numpy(float))
+        axes.set_xticks(range(len(names)), names, rotation=60)
+        axes.set_yticks(range(len(TRUTHS)), TRUTHS)
+    style.entitle(figure, "Which behaviour explains a motion: share of the motions of each row [%]")
+    figure.supylabel("Behaviour that made it", fontsize=9)
+    figure.supxlabel("Behaviour that is chosen", fontsize=9)
+    return figure
+
+
+if __name__ == "__main__":
+    shared.command(main)
