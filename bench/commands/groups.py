@@ -5,11 +5,15 @@ from pathlib import Path
 import click
 import pandas as pd
 
+from olne_bench.bench.commands.interface.recordings import MOST_OF_GROUP
 from olne_bench.bench.text import one_line
 from olne_bench.envs.tracks.grid import Excerpt
 from olne_bench.envs.tracks.groups import groups_in
 from olne_bench.envs.tracks.reading import ANY, grid_and_road, read_tracks
 from olne_bench.errors import UserError
+
+#: Values of options that need not be repeated.
+_USUAL = ("csv", MOST_OF_GROUP)
 
 
 def groups(
@@ -51,4 +55,7 @@ def groups(
     click.echo(table.to_string(index=False, justify="left"))
     if len(found) > rows:
         click.echo(f"{len(found) - rows} weaker groups are not shown; --rows shows more")
-    click.echo(f"'olne-bench import {tracks} --group 1' takes the first")
+    given = {"format": format_name, "road": road, "part": part, "most": most}
+    given |= {"window": None if window is None else "{:g},{:g}".format(*window)}
+    asked = "".join(f" --{k} {v}" for k, v in given.items() if v not in (None, *_USUAL))
+    click.echo(f"'olne-bench import {tracks}{asked} --group 1 --out NEW.parquet' takes the first")

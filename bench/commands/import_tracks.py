@@ -14,9 +14,6 @@ from olne_bench.envs.tracks.reading import ANY, grid_and_road, read_tracks
 from olne_bench.errors import UserError
 from olne_bench.files import check_new_file
 
-#: Largest number of cars of a group, as ``olne-bench groups`` has it.
-MOST_OF_GROUP = 5
-
 
 def import_tracks(
     tracks: Path,
@@ -26,6 +23,7 @@ def import_tracks(
     window: tuple[float, float] | None,
     players: tuple[str, ...],
     group: int | None,
+    most: int,
     resample: float | None,
     part: str | None,
     flip_y: bool,
@@ -40,7 +38,7 @@ def import_tracks(
         if players:
             raise UserError("--group and --players: give one of them")
         whole = read(excerpt=Excerpt(window, most=ANY)).recording
-        chosen = _group(tracks, whole, group)
+        chosen = _group(tracks, whole, group, most)
         players, window = chosen.players, chosen.window
     imported = read(excerpt=Excerpt(window, players, resample))
     for note in imported.notes:
@@ -51,8 +49,8 @@ def import_tracks(
     click.echo(f"{out}: {count} players, {steps} steps of {step:.6g} s")
 
 
-def _group(tracks: Path, whole: RecordingFile, number: int) -> Group:
-    found = groups_in(*grid_and_road(whole), MOST_OF_GROUP)
+def _group(tracks: Path, whole: RecordingFile, number: int, most: int) -> Group:
+    found = groups_in(*grid_and_road(whole), most)
     if number > len(found):
         raise UserError(f"--group {number}: 'olne-bench groups {tracks}' lists {len(found)}")
     return found[number - 1]

@@ -18,6 +18,16 @@ from olne_bench.bench.commands.options import (
 #: Repeats ``envs.track_formats.format_names()``, whose import is slow.
 FORMATS = ("commonroad", "csv", "highd", "ind", "interaction", "ngsim", "sumo")
 
+#: Cars of a group at most.
+MOST_OF_GROUP = 5
+
+_most = shown(
+    "--most",
+    type=click.IntRange(2, 20),
+    default=MOST_OF_GROUP,
+    help="Largest number of cars of a group.",
+)
+
 
 @command()
 @click.argument("scenario")
@@ -71,6 +81,7 @@ def record() -> None:
     type=click.IntRange(min=1),
     help="Take the players and times of this group of 'olne-bench groups'.",
 )
+@_most
 @click.option(
     "--resample",
     type=FiniteRange(min=0.001, max=10),
@@ -98,7 +109,7 @@ def import_tracks() -> None:
 @click.option("--road", type=PATH, help="Lanes, as for 'olne-bench import'.")
 @click.option("--window", type=window, metavar="FROM,TO", help="First and last time [s].")
 @click.option("--part", help="Part of a file whose player names repeat.")
-@shown("--most", type=click.IntRange(2, 20), default=5, help="Largest number of cars of a group.")
+@_most
 @shown("--rows", type=click.IntRange(min=1), default=10, help="Number of groups to list.")
 def groups() -> None:
     """List the cars in TRACKS that interact, the strongest groups first, and say why.

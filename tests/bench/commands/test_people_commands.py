@@ -51,6 +51,12 @@ def test_a_file_of_many_cars_has_groups_of_which_one_is_imported(tracks, tmp_pat
     assert "car 2 follows car 0" in said and "weaker groups are not shown" in said
     run("import", tracks, "--group", 1, "--out", tmp_path / "one.parquet")
     assert "5 players, 31 steps" in capsys.readouterr().out
+    # Groups of another size have other numbers; the last line says how to take the first.
+    run("groups", tracks, "--most", 3, "--window", "0,2")
+    asked = capsys.readouterr().out.splitlines()[-1].split("'")[1]
+    assert asked.endswith("--most 3 --window 0,2 --group 1 --out NEW.parquet")
+    run("import", tracks, *asked.split()[3:-1], tmp_path / "three.parquet")
+    assert "3 players" in capsys.readouterr().out
     said = fails(capsys, "import", tracks, "--group", 99, "--out", tmp_path / "more.parquet")
     assert "--group 99: 'olne-bench groups" in said
     both = ("--group", 1, "--players", "car 1", "--out", tmp_path / "two.parquet")

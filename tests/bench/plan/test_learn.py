@@ -73,6 +73,20 @@ def test_metrics_of_this_package_are_always_there(folder):
     assert [entry.column for entry in load(folder).metrics] == [*own, "mine"]
 
 
+def test_a_suite_may_leave_metrics_of_this_package_out(folder):
+    own = [entry.column for entry in load(folder).metrics]
+    path = folder / "suite.toml"
+    path.write_text(f"left_out = ['crps', 'covers_truth']\n{SUITE}")
+    assert {"crps", "covers_truth"} <= set(own)
+    left = [entry.column for entry in load(folder).metrics]
+    assert left == [name for name in own if name not in ("crps", "covers_truth")]
+    path.write_text(f"left_out = ['mine']\n{SUITE}")
+    with pytest.raises(
+        UserError, match="leaves out 'mine', which is no built-in metric; those are"
+    ):
+        load(folder)
+
+
 def test_all_is_asked_in_one_go(folder):
     asked = []
 
