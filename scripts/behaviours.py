@@ -1,11 +1,16 @@
 """Who behaves how: the behaviour that made a motion, and the one that explains it best.
 
-    python scripts/behaviours.py [--out results/behaviours] [--draws 12]
+    python scripts/behaviours.py drawn [--out results/behaviours] [--draws 12]
+    python scripts/behaviours.py recorded DATA [--out results/behaviours]
 
 Motions of each behaviour are drawn by the scenario ``changed`` and seen with noise.
 ``ob.behaviours`` compares all but ``leading``, which takes minutes. A behaviour is chosen where its
 probability is at least 0.9; else the motion cannot be told apart. Rows that are there already are
 kept, so that the study goes on where it ended. Writes trials.csv, confusion.csv and behaviours.png.
+
+DATA is a folder of CommonRoad files: of each, the strongest group of at most three cars counts, with
+the game ``following`` and unknown noise. Recorded drivers keep to no model to within the noise, so
+that residuals are compared, not evidence. Writes people.csv.
 """
 
 from collections.abc import Iterator
@@ -19,8 +24,14 @@ from matplotlib.figure import Figure
 from tqdm import tqdm
 
 import olne_bench as ob
+from olne_bench.bench.commands.estimate import recorded_problem
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.figures.confusion import shares_panel
+from olne_bench.envs.tracks.explained import explain
+from olne_bench.envs.tracks.grid import Excerpt
+from olne_bench.envs.tracks.groups import groups_in
+from olne_bench.envs.tracks.reading import ANY, grid_and_road, read_tracks
+from olne_bench.errors import UserError
 
 ROAD = {"num_players": 3, "weights": "temperaments"}
 SCENARIOS = {"intersection": ROAD, "highway": ROAD, "two_player": {"weights": "dirichlet"}}
@@ -34,11 +45,13 @@ SIGMAS = {
     "two_player": (0.005, 0.02),
 }
 SURE = 0.9
+#: Cars of a recorded group at most, and the step [s] of its games.
+GROUP, STEP = 3, 0.2
 KEY = ["scenario", "sigma", "truth", "seed"]
 
 
-def main(out: Path = Path("results/behaviours"), draws: int = 12) -> None:
-    """Run what is missing, write and print."""
+def drawn(out: Path = Path("results/behaviours"), draws: int = 12) -> None:
+    """Motions that are drawn: run what is missing, write and print."""
     out.mkdir(parents=True, exist_ok=True)
     path = out / "trials.csv"
     rows = pd.read_csv(path).to_dict("records") if path.exists() else []
@@ -56,6 +69,46 @@ def main(out: Path = Path("results/behaviours"), draws: int = 12) -> None:
     shared.show({str(k): v for k, v in row.items()} for row in table.to_dict("records"))
 
 
+def recorded(data: Path, out: Path = Path("results/behaviours")) -> None:
+    """Recorded drivers: residuals [m] of each behaviour."""
+    out.mkdir(parents=True, exist_ok=True)
+    found = (group_row(path) for path in tqdm(sorted(data.glob("*.xml")), unit="file"))
+    rows = pd.DataFrame([row for row in found if row is not None])
+    rows.round(3).to_csv(out / "people.csv", index=False)
+    lines = [{"behaviour": name, **over_open_loop(rows, name)} for name in CHOICES]
+    shared.show({key: str(value) for key, value in line.items()} for line in lines)
+
+
+def group_row(path: Path) -> dict[str, object] | None:
+    """Residuals of the strongest group of a file; None where none can be explained."""
+    whole = read_tracks(path, "commonroad", excerpt=Excerpt(None, most=ANY)).recording
+    groups = groups_in(*grid_and_road(whole), GROUP)
+    if not groups:
+        return None
+    excerpt = Excerpt(groups[0].window, groups[0].players, STEP)
+    try:
+        known = read_tracks(path, "commonroad", excerpt=excerpt).recording
+        explained = explain("following", None, known, 0, None)
+        names, states = known.metadata.state_names, known.states[0]
+        problem, y = recorded_problem(explained, names, states, None)
+        table = ob.behaviours(problem, ob.Observation(y), CHOICES).set_index("behaviour")
+    except (ValueError, UserError) as error:
+        print(f"{path.name}: {error}", flush=True)
+        return None
+    left = {name: float(table["residual"][name]) for name in CHOICES}
+    return {"file": path.name, "road": path.name.split("-")[0], "cars": states.shape[1], **left}
+
+
+def over_open_loop(rows: pd.DataFrame, name: str) -> dict[str, object]:
+    """Geometric mean of a behaviour's residuals over those of the open loop, and its interval."""
+    logs = np.log(rows[name] / rows["open_loop"]).dropna().to_numpy()
+    rng = np.random.default_rng(0)
+    drawn_means = rng.choice(logs, size=(2000, len(logs))).mean(axis=1)
+    low, high = np.exp(np.quantile(drawn_means, (0.025, 0.975)))
+    ratio = f"{np.exp(logs.mean()):.2f} [{low:.2f}, {high:.2f}]"
+    return {"groups": len(logs), "residual over that of open_loop": ratio}
+
+
 def trials(draws: int) -> Iterator[tuple[str, float, str, int]]:
     """Scenario, noise level, behaviour and seed of each motion."""
     for scenario in SCENARIOS:
@@ -68,8 +121,8 @@ def compared(scenario: str, sigma: float, truth: str, seed: int) -> dict[str, ob
         {"change": "alone", "dial": 0.0} if truth == "open_loop" else {"change": truth, "dial": 1.0}
     )
     try:
-        drawn = ob.scenario("changed", seed, of=scenario, options=SCENARIOS[scenario], **change)
-        problem, seen = ob.observe(drawn, sigma=sigma, seed=seed)
+        world = ob.scenario("changed", seed, of=scenario, options=SCENARIOS[scenario], **change)
+        problem, seen = ob.observe(world, sigma=sigma, seed=seed)
     except ob.NoEquilibriumError:
         return None
     row: dict[str, object] = dict(zip(KEY, (scenario, sigma, truth, seed), strict=True))
@@ -113,4 +166,4 @@ def picture(table: pd.DataFrame) -> Figure:
 
 
 if __name__ == "__main__":
-    shared.command(main)
+    shared.command(drawn, recorded)

@@ -23,7 +23,7 @@ from olne_bench.bench.run.describe_plugins import describe_all
 from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.bench.text import one_line
 from olne_bench.envs.tracks.checks import FEWEST_STEPS
-from olne_bench.envs.tracks.explained import DATA, Assumption, explain
+from olne_bench.envs.tracks.explained import DATA, Assumption, Explained, explain
 from olne_bench.errors import UserError
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.files import check_new_file
@@ -63,19 +63,14 @@ def estimate(
     name = scenario or _named(recording, known.metadata.scenario)
     with loading(name):
         explained = explain(name, seed, known, episode, noise)
-    game = explained.scenario.game
-    view, y = _observation(game, known.metadata.state_names, states)
-    level = noise or max(LEAST_NOISE, float(np.nan_to_num(explained.noise)))
-    scale = sensor_model(explained.scenario, (view,)).noise_scale
-    spread = 0.0 if noise else NOISE_SPREAD
-    problem = Problem(game, view, sigma=level, noise_scale=scale, sigma_spread=spread)
+    problem, y = recorded_problem(explained, known.metadata.state_names, states, noise)
     _say_assumptions(name, known.metadata.dt, explained.assumptions)
     for warning in explained.warnings:
         click.echo(f"warning: {one_line(warning)}", err=True)
 
     result, seconds = _estimate(estimator, problem, Observation(y), budget)
     fit = Fit(problem, y, result)
-    table = _table(players, game.weight_names, fit)
+    table = _table(players, problem.weight_names, fit)
     found = "estimated" if "sigma" in result.extras else "from the roughness of the tracks"
     _say_result(table, players, fit, TOLD if noise else found)
     try:
@@ -83,6 +78,21 @@ def estimate(
     finally:  # an interrupt leaves the weights
         if out is not None:
             write_csv(table, out, new=True)
+
+
+def recorded_problem(
+    explained: Explained, names: list[str], states: np.ndarray, noise: float | None
+) -> tuple[Problem, np.ndarray]:
+    """The problem that states (T, N, n) with these names pose, and samples (T, N, d).
+
+    Without a noise level [m], the roughness of the tracks is a guess of it.
+    """
+    view, y = _observation(explained.scenario.game, names, states)
+    level = noise or max(LEAST_NOISE, float(np.nan_to_num(explained.noise)))
+    scale = sensor_model(explained.scenario, (view,)).noise_scale
+    spread = 0.0 if noise else NOISE_SPREAD
+    game = explained.scenario.game
+    return Problem(game, view, sigma=level, noise_scale=scale, sigma_spread=spread), y
 
 
 def _named(path: Path, scenario: str | None) -> str:
