@@ -8,9 +8,9 @@ Motions of each behaviour are drawn by the scenario ``changed`` and seen with no
 probability is at least 0.9; else the motion cannot be told apart. Rows that are there already are
 kept, so that the study goes on where it ended. Writes trials.csv, confusion.csv and behaviours.png.
 
-DATA is a folder of CommonRoad files: of each, the strongest group of at most three cars counts, with
-the game ``following`` and unknown noise. Recorded drivers keep to no model to within the noise, so
-that residuals are compared, not evidence. Writes people.csv.
+DATA is a folder of CommonRoad files. Of each, the strongest group of at most three cars counts,
+with the game ``following`` and unknown noise. Recorded drivers keep to no model to within the
+noise, so that residuals are compared, not evidence. Writes people.csv.
 """
 
 from collections.abc import Iterator

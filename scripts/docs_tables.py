@@ -14,8 +14,6 @@ from pathlib import Path
 import pandas as pd
 from paper_claims import claims_of
 
-from olne_bench.bench.report.figures.style import estimator_order
-
 ROOT = Path(__file__).parents[1]
 RESULTS = ROOT / "results"
 PAPER = ["two_player", "highway_overtaking"]
@@ -98,18 +96,6 @@ def times() -> pd.DataFrame:
     board["where"] = board["scenario"].where(board["scenario"].isin(PAPER), "roads")
     wide = board.pivot_table("ms", "estimator", "where", "median")
     return wide[[*PAPER, "roads"]].map(_number)
-
-
-def roads_errors() -> pd.DataFrame:
-    """Suite ``roads``, HighwayEnv's roads, full sensor: median position errors [m] with scores."""
-    board = _board("roads")
-    known = ~board["scenario"].str.endswith(_UNKNOWN) & (board["scenario"] != "merging")
-    board = board[known & (board["sensor"] == "full") & (board["trials"] > 0)]
-    board = board.merge(_scores("position_error")[[*PLACE, "score"]], how="left", on=PLACE)
-    wide = _pivot(
-        board, _pairs(board, "{} ({})", "position_error_median", "score"), "estimator", "scenario"
-    )
-    return wide.sort_index(axis=1).loc[estimator_order(list(wide.index))]
 
 
 def road_scores() -> pd.DataFrame:
@@ -201,7 +187,7 @@ def people() -> pd.DataFrame:
 TABLES: dict[str, Callable[[], pd.DataFrame]] = {
     table.__name__: table
     for table in (
-        paper, times, roads_errors, road_scores, constrained, claims, identified,
+        paper, times, road_scores, constrained, claims, identified,
         learned_errors, online, people,
     )
 }  # fmt: skip
