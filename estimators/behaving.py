@@ -52,6 +52,8 @@ OPEN_LOOP = "open_loop"
 _STEP, _STATE_STEP = 1e-4, 1e-5
 #: Evaluations at most, and the relative gain that ends the search.
 _MOST, _GAIN = 25, 1e-5
+#: Shares of the peak's coordinates of weights at which a first motion is sought.
+_SHARES = (1.0, 0.5, 0.0)
 #: Errors where no motion is found.
 _LOST = 1e3
 
@@ -94,7 +96,7 @@ class Explanation:
     """What a behaviour makes of observations."""
 
     estimate: Estimate
-    log_evidence: float  # (V2); minus infinity where the behaviour has no motion near them
+    log_evidence: float  # (V2); NaN where no motion of the behaviour is found near them
 
 
 def unsupported(problem: Problem) -> str | None:
@@ -118,7 +120,7 @@ def explained(
     if not peaks:
         message = "no open-loop equilibrium found that explains the observations"
         nothing = Estimate(uniform_weights(problem), converged=False, message=message)
-        return {name: Explanation(nothing, -np.inf) for name in behaviours}
+        return {name: Explanation(nothing, np.nan) for name in behaviours}
     found = {}
     for name in behaviours:
         if name == OPEN_LOOP:
@@ -186,8 +188,10 @@ class _Played:
         return np.column_stack(columns)
 
     def fitted(self) -> _Fit:
-        """The solution from the peak."""
-        first = self.peak.place.points[0]
+        """The solution from the peak, or else from weights nearer to the middle of the prior."""
+        peak, size = self.peak.place.points[0], self.density.chart.size
+        nearer = [np.concatenate([share * peak[:size], peak[size:]]) for share in _SHARES]
+        first = next((point for point in nearer if self.motion(point) is not None), peak)
         found = least_squares(
             self.errors, first, self.rows, x_scale="jac", ftol=_GAIN, max_nfev=_MOST
         )
@@ -203,7 +207,7 @@ def _described(density: GameDensity, fit: _Fit, behaviour: str) -> Explanation:
     weights = theta[0][:, : problem.game.num_weights]
     if fit.states is None or not np.abs(np.diag(triangle)).min() > 0:
         message = f"no motion of the behaviour {behaviour!r} is near the observations"
-        return Explanation(Estimate(weights, converged=False, message=message), -np.inf)
+        return Explanation(Estimate(weights, converged=False, message=message), np.nan)
     slopes = density.chart.jacobian(fit.point[:size])
     spread = np.linalg.inv(triangle)[:size]
     covariance = slopes @ (spread @ spread.T) @ slopes.T

@@ -34,7 +34,8 @@ def behaviours(
 
     Returns:
         A row for each behaviour, the most probable first: ``log_evidence``, less the largest;
-        ``probability``, where all are as likely before; ``residual``, the root mean square of what
+        ``probability``, where all are as likely before, both NaN where no motion of the behaviour
+        is found; ``residual``, the root mean square of what
         its best motion leaves, in metres (and units of the noise scale).
 
     Raises:
@@ -54,12 +55,15 @@ def behaviours(
         raise ValueError(
             f"no behaviour explains the observations: {found[names[0]].estimate.message}"
         )
+    known_ones = np.isfinite(evidence)
+    probability = np.full(len(names), np.nan)
+    probability[known_ones] = softmax(evidence[known_ones])
     squares = [found[name].estimate.extras.get("objective", np.nan) for name in names]
     table = pd.DataFrame(
         {
             "behaviour": list(names),
-            "log_evidence": evidence - evidence.max(),
-            "probability": softmax(evidence),
+            "log_evidence": evidence - np.nanmax(evidence),
+            "probability": probability,
             "residual": np.sqrt(np.array(squares) / np.isfinite(seen.y).sum()),
         }
     )
