@@ -98,6 +98,16 @@ def times() -> pd.DataFrame:
     return wide[[*PAPER, "roads"]].map(_number)
 
 
+def damage() -> pd.DataFrame:
+    """Part of the suite ``misspecified``: errors over those of the true model, and coverage."""
+    table = pd.read_csv(RESULTS / "misspecified/damage.csv")
+    shown = ["map", "posterior", "robust", "imperfect"]
+    table = table[table["estimator"].isin(shown)]
+    table = table.assign(share=_cells(table, "covers_truth_share"))
+    cells = _pairs(table.round(1), "{} ({})", "cosine_error_ratio", "share")
+    return _pivot(table, cells, ["change", "dial"])[shown]
+
+
 def road_scores() -> pd.DataFrame:
     """Suite ``roads``: scores of all roads together, by three errors, and failures."""
     columns = {}
@@ -187,7 +197,7 @@ def people() -> pd.DataFrame:
 TABLES: dict[str, Callable[[], pd.DataFrame]] = {
     table.__name__: table
     for table in (
-        paper, times, road_scores, constrained, claims, identified,
+        paper, times, damage, road_scores, constrained, claims, identified,
         learned_errors, online, people,
     )
 }  # fmt: skip

@@ -358,7 +358,7 @@ UNMADE = """class Unmade:
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (["check", "nope"], "unknown plugin 'nope'; known are: estimators: bilevel"),
+        (["check", "nope"], "unknown plugin 'nope'; known are: estimators: behaving"),
         (["check", "nope.py:A"], "nope.py'"),
         (["check", "broken.py"], "broken.py:2)"),
         (["check", "leaves.py"], "SystemExit: bye"),

@@ -71,7 +71,7 @@ def test_paper_suite_is_the_published_study():
         ('"two_player"', '{name="merge", options={num_players=9}}', "'merge' holds 2 to 6 players"),
         ("seeds = 3", "seeds = 3\nroot_iterations = -1", "root_iterations: Input should be"),
         ('"full"', '"fulll"', "unknown sensor 'fulll'; known are: correlated, drop, full"),
-        ('"uniform"', '"unifrom"', "unknown estimator 'unifrom'; known are: bilevel, ignorant"),
+        ('"uniform"', '"unifrom"', "unknown estimator 'unifrom'; known are: behaving, bilevel"),
         ('"uniform"', '{name="uniform", parameters={a=1}}', "refuses its parameters"),
         ('"uniform"', '"uniform", "uniform"', "estimator label 'uniform' is listed twice"),
         ('["full"]', "[]", "sensors"),
