@@ -16,6 +16,7 @@ noise, so that residuals are compared, not evidence. Writes people.csv.
 from collections.abc import Iterator
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import shared
 import numpy as np
@@ -54,7 +55,8 @@ def drawn(out: Path = Path("results/behaviours"), draws: int = 12) -> None:
     """Motions that are drawn: run what is missing, write and print."""
     out.mkdir(parents=True, exist_ok=True)
     path = out / "trials.csv"
-    rows = pd.read_csv(path).to_dict("records") if path.exists() else []
+    known = pd.read_csv(path).to_dict("records") if path.exists() else []
+    rows: list[dict[Any, Any]] = list(known)
     done = {tuple(row[name] for name in KEY) for row in rows}
     missing = [one for one in trials(draws) if one not in done]
     for one in tqdm(missing, unit="motion"):
@@ -101,7 +103,8 @@ def group_row(path: Path) -> dict[str, object] | None:
 
 def over_open_loop(rows: pd.DataFrame, name: str) -> dict[str, object]:
     """Geometric mean of a behaviour's residuals over those of the open loop, and its interval."""
-    logs = np.log(rows[name] / rows["open_loop"]).dropna().to_numpy()
+    ratios = rows[name] / rows["open_loop"]
+    logs = np.log(ratios.dropna().to_numpy(float))
     rng = np.random.default_rng(0)
     drawn_means = rng.choice(logs, size=(2000, len(logs))).mean(axis=1)
     low, high = np.exp(np.quantile(drawn_means, (0.025, 0.975)))
@@ -117,7 +120,7 @@ def trials(draws: int) -> Iterator[tuple[str, float, str, int]]:
 
 def compared(scenario: str, sigma: float, truth: str, seed: int) -> dict[str, object] | None:
     """Probabilities of behaviours for one motion; None where there is no such draw."""
-    change = (
+    change: dict[str, Any] = (
         {"change": "alone", "dial": 0.0} if truth == "open_loop" else {"change": truth, "dial": 1.0}
     )
     try:
@@ -138,9 +141,10 @@ def compared(scenario: str, sigma: float, truth: str, seed: int) -> dict[str, ob
 def confusion(rows: pd.DataFrame) -> pd.DataFrame:
     """How many motions of each behaviour were taken for each, and how many of the choices right."""
     names = [*CHOICES, UNDECIDED, "none"]
-    groups = rows.groupby(["scenario", "sigma", "truth"])["chosen"]
-    table = pd.DataFrame({name: groups.agg(lambda own, n=name: (own == n).sum()) for name in names})
-    table = table.reset_index()
+    counts = rows.assign(one=1).pivot_table("one", ["scenario", "sigma", "truth"], "chosen", "sum")
+    table = (
+        counts.reindex(columns=names).fillna(0).astype(int).rename_axis(columns=None).reset_index()
+    )
     right = np.array([row[row["truth"]] for _, row in table.iterrows()])
     chosen = table[list(CHOICES)].sum(axis=1)
     table["right"] = np.where(chosen > 0, right / np.maximum(chosen, 1), np.nan).round(3)
