@@ -29,7 +29,6 @@ from typing import ClassVar
 import numpy as np
 from scipy.optimize import least_squares
 
-from olne_bench.estimators.map import prior_of
 from olne_bench.estimators.posterior import Posterior
 from olne_bench.estimators.protocol import COVARIANCE, Estimate, Observation, Problem
 from olne_bench.estimators.shared.forward_model import (
@@ -115,7 +114,7 @@ def explained(
 
     The noise is white. Searches end by the deadline, in seconds of ``time.monotonic``.
     """
-    problem = replace(problem, sigma=assumed_sigma(problem), prior=prior_of(problem, None))
+    problem = replace(problem, sigma=assumed_sigma(problem))
     density, peaks = Posterior().peaks(problem, observation, deadline)
     if not peaks:
         message = "no open-loop equilibrium found that explains the observations"
@@ -124,8 +123,8 @@ def explained(
     found = {}
     for name in behaviours:
         if name == OPEN_LOOP:
-            states, _ = density.seen_at(peaks[0].place)
             place = peaks[0].place
+            states, _ = density.seen_at(place)
             fit = _Fit(place.points[0], place.errors[0], place.rows[0], states)
         else:
             fit = _Played(density, name, peaks[0], deadline).fitted()

@@ -28,7 +28,7 @@ Trust: its weights, where players act at random around an equilibrium, or plan a
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import ClassVar
 
@@ -58,12 +58,10 @@ _TOLD = 9.2
 class KickedDensity(GameDensity):
     """(I2)."""
 
-    kicks: "Kicks | None" = None  # None: there are none
+    kicks: "Kicks" = field(kw_only=True)
 
     def whitened(self, places: Places) -> Places:
         """Places of the density without kicks as those of this one."""
-        if self.kicks is None:
-            return places
         whitening = self.kicks.whitening
         n = len(whitening)
         errors, rows = places.errors.copy(), np.empty(len(places), dtype=object)
@@ -136,10 +134,10 @@ class Imperfect(Posterior):
         plain, peaks = super().peaks(problem, observation, deadline)
         if not peaks:
             return plain, peaks
-        density, place = KickedDensity(**vars(plain)), peaks[0].place
+        place = peaks[0].place
         for _ in range(_ROUNDS):
-            kicks = Kicks.most_likely(place, _moved(density, place))
-            density = replace(density, kicks=kicks)
+            kicks = Kicks.most_likely(place, _moved(plain, place))
+            density = KickedDensity(**vars(plain), kicks=kicks)
             before, found = place.points, climbed(density, density.whitened(place), STEPS)
             place = plain.reach(found.points, place)
             if not place.possible[0] or np.abs(place.points - before).max() < _STILL:
@@ -154,7 +152,7 @@ class Imperfect(Posterior):
         rng: np.random.Generator,
     ) -> Estimate:
         found = super()._estimate(density, peaks, fits, rng)
-        assert isinstance(density, KickedDensity) and density.kicks is not None
+        assert isinstance(density, KickedDensity)
         kicks, names = density.kicks, density.problem.game.dynamics.control_names
         sizes = dict(zip(names, map(float, kicks.deviations), strict=True))
         extras = {**found.extras, **{f"kick_{name}": size for name, size in sizes.items()}}

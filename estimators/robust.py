@@ -113,6 +113,11 @@ class Robust:
         known = found.samples is not None or found.covariance is not None
         return replace(found, region=region if known else None, extras=extras)
 
+    def warm_up(self, problem: Problem) -> None:
+        """Build the solvers."""
+        for method in dict.fromkeys(_METHODS[self.of]):
+            method().warm_up(problem)
+
     def _noise(
         self, problem: Problem, seen: Observation, deadline: float, rng: np.random.Generator
     ) -> "_Noise | None":

@@ -12,8 +12,8 @@ from olne_bench.envs.tracks.groups import groups_in
 from olne_bench.envs.tracks.reading import ANY, grid_and_road, read_tracks
 from olne_bench.errors import UserError
 
-#: Values of options that need not be repeated.
-_USUAL = ("csv", MOST_OF_GROUP)
+#: Options that need not be repeated: those that have these values.
+_USUAL = {"format": "csv", "most": MOST_OF_GROUP}
 
 
 def groups(
@@ -57,5 +57,5 @@ def groups(
         click.echo(f"{len(found) - rows} weaker groups are not shown; --rows shows more")
     given = {"format": format_name, "road": road, "part": part, "most": most}
     given |= {"window": None if window is None else "{:g},{:g}".format(*window)}
-    asked = "".join(f" --{k} {v}" for k, v in given.items() if v not in (None, *_USUAL))
+    asked = "".join(f" --{k} {v}" for k, v in given.items() if v not in (None, _USUAL.get(k)))
     click.echo(f"'olne-bench import {tracks}{asked} --group 1 --out NEW.parquet' takes the first")

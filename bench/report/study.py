@@ -9,6 +9,7 @@ import pandas as pd
 
 from olne_bench.bench.judge.metrics import BUILT_IN
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration, declaration_from
+from olne_bench.bench.judge.priors import WITH_PRIOR
 from olne_bench.bench.judge.scene import NoScenes, Scenes
 from olne_bench.bench.judge.seeds import noise_seed
 from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry, SensorEntry
@@ -22,8 +23,7 @@ from olne_bench.errors import UserError
 #: Built-in estimators that use no data, or not what they are told: they have scores, and no rank.
 _FLOORS = ("uniform", "ignorant")
 #: Built-in estimators that are told, or have learned, how true weights are drawn.
-_KNOW_PRIOR = {"imperfect", "map", "posterior", "neural_posterior", "particle", "ridge", "robust"}
-_KNOW_PRIOR |= {"behaving", "ukf"}
+_KNOW_PRIOR = WITH_PRIOR | {"ridge"}
 
 #: The metric that ranks estimators if a run has it; else the first metric that is compared.
 _USUAL_PRIMARY = "position_error"

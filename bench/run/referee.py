@@ -153,11 +153,8 @@ class RefereeProcess:
 
 def _modules(trial: Trial) -> tuple[str, ...]:
     """What judges a trial, what players need, and its world, as some import HighwayEnv."""
-    return *_usual_modules(trial.kind), source(SCENARIO, trial.scenario.name)[0]
-
-
-def _usual_modules(kind: str) -> tuple[str, ...]:
-    return __name__, player.__name__, f"olne_bench.bench.judge.{kind}"
+    judge = f"olne_bench.bench.judge.{trial.kind}"
+    return __name__, player.__name__, judge, source(SCENARIO, trial.scenario.name)[0]
 
 
 _staff: Staff | None = None

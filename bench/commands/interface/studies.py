@@ -19,7 +19,7 @@ from olne_bench.bench.report.formats import FORMATS, USUAL_FORMATS
 
 #: Repeats ``submission.fresh_draws.FEWEST``, whose import is slow.
 FEWEST = 20
-#: What judges most trials, and what players need.
+#: What judges most trials, and what players need: as of ``run.referee``, whose import is slow.
 _JUDGES = ("bench.run.referee", "bench.run.player", "bench.judge.trials")
 
 

@@ -35,8 +35,8 @@ def behaviours(
     Returns:
         A row for each behaviour, the most probable first: ``log_evidence``, less the largest;
         ``probability``, where all are as likely before, both NaN where no motion of the behaviour
-        is found; ``residual``, the root mean square of what
-        its best motion leaves, in metres (and units of the noise scale).
+        is found; ``residual``, the root mean square of what its best motion leaves, in metres (and
+        units of the noise scale).
 
     Raises:
         ValueError: on an unknown behaviour, or a game with constraints or unknown numbers.
