@@ -54,6 +54,9 @@ metrics = [
     { name = "ahead_error", label = "ahead_1s", parameters = { seconds = 1.0 } },
     { name = "ahead_error", label = "ahead_2s", parameters = { seconds = 2.0 } },
     { name = "ahead_error", label = "ahead_3s", parameters = { seconds = 3.0 } },
+    { name = "farthest_ahead", label = "farthest_1s", parameters = { seconds = 1.0 } },
+    { name = "farthest_ahead", label = "farthest_2s", parameters = { seconds = 2.0 } },
+    { name = "farthest_ahead", label = "farthest_3s", parameters = { seconds = 3.0 } },
 ]
 scenarios = ["""
 

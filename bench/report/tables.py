@@ -8,6 +8,7 @@ from olne_bench.bench.report.leaderboard import errors_by_noise, scored_rows, su
 from olne_bench.bench.report.parts import Parts, joined, of_each, parts_of
 from olne_bench.bench.report.statistics import attempts, identifiability, recognition
 from olne_bench.bench.report.statistics.calibration import calibration_table
+from olne_bench.bench.report.statistics.conformal import conformal_table, distances
 from olne_bench.bench.report.statistics.damage import damage_table
 from olne_bench.bench.report.statistics.score import log_errors, pair_table, score_table
 from olne_bench.bench.report.statistics.standing import KEY, if_told, ranking, standings
@@ -29,6 +30,7 @@ class RunTables:
     temperaments: pd.DataFrame
     confusions: pd.DataFrame
     damage: pd.DataFrame
+    conformal: pd.DataFrame
     harness_errors: pd.DataFrame
     failures: pd.DataFrame
     notes: tuple[str, ...] = ()  # what could not be computed, and why
@@ -37,7 +39,8 @@ class RunTables:
         """The tables that are written to the run folder, by name."""
         left = {"harness_errors", "failures", "notes"}  # which terminal and page tell in words
         left |= set() if len(self.temperaments) else {"temperaments", "confusions"}
-        left |= set() if len(self.damage) else {"damage"}
+        sometimes = {"damage": self.damage, "conformal": self.conformal}
+        left |= {name for name, table in sometimes.items() if table.empty}
         return {name: table for name, table in vars(self).items() if name not in left}
 
 
@@ -55,6 +58,7 @@ def tabulate(trials: pd.DataFrame | Parts, study: Study = USUAL) -> RunTables:
     shown = [*metrics, *[IDENTIFIABLE] * (f"{IDENTIFIABLE.name}_median" in whole["leaderboard"])]
     whole["leaderboard"] = if_told(scored_rows(whole["leaderboard"], shown, scores, study))
     whole["damage"] = damage_table(whole["leaderboard"], study)
+    whole["conformal"] = conformal_table(whole.pop("distances"), study)
     for name in ("harness_errors", "failures"):
         whole[name] = attempts.most_frequent_first(whole[name])
     return RunTables(scores=scores, comparisons=pair_table(logs, study), notes=notes, **whole)
@@ -74,6 +78,7 @@ def _tabulated(trials: pd.DataFrame, study: Study) -> dict[str, pd.DataFrame]:
     return {
         "leaderboard": board if board.empty else board.merge(standing, on=KEY, how="left"),
         "errors_by_noise": errors_by_noise(plain, study),
+        "distances": distances(plain, study),
         "logs": log_errors(ranking(plain, standing), study),
         "identifiability": identifiability.identifiability_table(trials, study),
         "identifiability_by_noise": identifiability.identifiability_by_noise(plain, study),

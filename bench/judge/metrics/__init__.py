@@ -11,6 +11,7 @@ from olne_bench.bench.judge.metrics.credible_level import CredibleLevel
 from olne_bench.bench.judge.metrics.crps import Crps
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration, declare
 from olne_bench.bench.judge.metrics.energy_score import EnergyScore
+from olne_bench.bench.judge.metrics.farthest_ahead import FarthestAhead
 from olne_bench.bench.judge.metrics.held_out_error import HeldOutError
 from olne_bench.bench.judge.metrics.held_out_log_score import HeldOutLogScore
 from olne_bench.bench.judge.metrics.parameter_error import ParameterError
@@ -23,7 +24,7 @@ from olne_bench.bench.judge.metrics.tarp_level import TarpLevel
 BUILT_IN: tuple[MetricDeclaration, ...] = tuple(
     declare(metric)
     for metric in (
-        *(PositionError, HeldOutError, AheadError, CosineError, ParameterError),
+        *(PositionError, HeldOutError, AheadError, FarthestAhead, CosineError, ParameterError),
         *(ReconstructionError, CoversTruth, CoversParameters),
         *(RegionWidth, CredibleLevel, TarpLevel, EnergyScore, Crps, HeldOutLogScore),
     )

@@ -26,6 +26,7 @@ class MetricDeclaration:
         gated: whether a suite's gate may limit it.
         compared: whether estimators, and runs, are compared and ranked by it.
         drawn: whether the figure of errors has a row for it.
+        radius: whether discs of this radius [m] around predicted positions hold all players.
         summary: one of ``SUMMARIES``.
         negligible: errors below are rounding of solvers; figures draw them at the lower edge.
         description: one sentence.
@@ -39,6 +40,7 @@ class MetricDeclaration:
     gated: bool = False
     compared: bool = False
     drawn: bool = True
+    radius: bool = False
     summary: str = "error"
     negligible: float = 1e-9
     description: str = ""

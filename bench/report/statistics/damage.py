@@ -24,10 +24,10 @@ def damage_table(board: pd.DataFrame, study: Study) -> pd.DataFrame:
     of the trials whose fit test refutes the model) and ``false_alarms`` (the same where the model
     is true). Without a true world there is no row.
     """
-    worlds = _worlds(study)
-    if board.empty or worlds["change"].eq("").all():
+    told = worlds(study)
+    if board.empty or told["change"].eq("").all():
         return pd.DataFrame(columns=_ABOUT)
-    rows = board.merge(worlds, on="scenario")
+    rows = board.merge(told, on="scenario")
     changed, true = rows[rows["change"] != ""], rows[rows["change"] == ""]
     both = changed.merge(true.drop_duplicates(_SAME), on=_SAME, suffixes=("", "_true"))
     found = both[_ABOUT].copy()
@@ -41,7 +41,7 @@ def damage_table(board: pd.DataFrame, study: Study) -> pd.DataFrame:
     return found.sort_values(_ABOUT[:6], ignore_index=True)
 
 
-def _worlds(study: Study) -> pd.DataFrame:
+def worlds(study: Study) -> pd.DataFrame:
     """Of each ``scenario``, by label: what is changed, and how; a true world has no ``change``."""
     rows = []
     for label, entry in study.scenarios.items():
