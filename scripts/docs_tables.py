@@ -90,14 +90,6 @@ def paper() -> pd.DataFrame:
     return _rows(board, "scenario sensor estimator", columns)
 
 
-def times() -> pd.DataFrame:
-    """Median time [ms] of one estimate: the paper's scenarios, and the median of the roads."""
-    board = _board("field")
-    board["where"] = board["scenario"].where(board["scenario"].isin(PAPER), "roads")
-    wide = board.pivot_table("ms", "estimator", "where", "median")
-    return wide[[*PAPER, "roads"]].map(_number)
-
-
 def damage() -> pd.DataFrame:
     """Part of the suite ``misspecified``: errors over those of the true model, and coverage."""
     table = pd.read_csv(RESULTS / "misspecified/damage.csv")
@@ -165,9 +157,10 @@ def learned_errors() -> pd.DataFrame:
             f"{_share(table[name].mean())} [{table[name].min():.0%}, {table[name].max():.0%}]"
             for name in ("ellipsoid", "interval")
         ]
-        errors = [_number(table[f"cos {name}"].mean()) for name in ("neural", "map", "uniform")]
+        names = ("neural", "posterior", "map", "uniform")
+        errors = [_number(table[f"cos {name}"].mean()) for name in names]
         rows[scenario] = [str(table.iloc[0, 0]).split()[-1], *errors, *shares]
-    heads = "Draws, neural_posterior, map, uniform, In 95 % ellipsoid, In 95 % interval"
+    heads = "Draws, neural_posterior, posterior, map, uniform, In 95 % ellipsoid, In 95 % interval"
     found = pd.DataFrame.from_dict(rows, orient="index", columns=heads.split(", "))
     return found.rename_axis("scenario")
 
@@ -197,7 +190,7 @@ def people() -> pd.DataFrame:
 TABLES: dict[str, Callable[[], pd.DataFrame]] = {
     table.__name__: table
     for table in (
-        paper, times, damage, road_scores, constrained, claims, identified,
+        paper, damage, road_scores, constrained, claims, identified,
         learned_errors, online, people,
     )
 }  # fmt: skip

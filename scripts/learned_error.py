@@ -1,10 +1,11 @@
-"""Errors and coverage of ``neural_posterior`` on draws that it was not trained on, beside ``map``.
+"""Errors and coverage of ``neural_posterior`` on draws that it was not trained on.
 
 Usage: python scripts/learned_error.py SCENARIO [--draws N]
 
 Weights are uniform on the simplex, starts those of the scenario. Prints a line for each view and
-noise level: mean cosine errors, the mean energy score of samples, how often the 95 % ellipsoid of
-the samples and their 95 % intervals hold the truth, and the median time of an estimate.
+noise level: mean cosine errors, also of ``map`` and ``posterior``, whose prior is that of the
+draws; mean energy scores of samples, how often the 95 % ellipsoid of the network's samples and
+their 95 % intervals hold the truth, and median processor times of estimates that have samples.
 """
 
 from collections.abc import Iterator
@@ -21,13 +22,17 @@ from olne_bench.bench.judge.metrics.formulas import cosine_error
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.map import Map
 from olne_bench.estimators.neural_posterior import NeuralPosterior
+from olne_bench.estimators.posterior import Posterior
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.games.solve.olne import solve_olne
 
 #: Noise levels of the suite ``calibration``.
 SIGMAS = {"two_player": (0.01, 0.03, 0.1), "highway_overtaking": (0.005, 0.02, 0.05)}
 FIRST = 700_000  # of seeds
-COLUMNS = ("cos neural", "cos map", "cos uniform", "energy", "ellipsoid", "interval", "ms")
+COLUMNS = (
+    *("cos neural", "cos map", "cos posterior", "cos uniform", "energy", "energy posterior"),
+    *("ellipsoid", "interval", "ms", "ms posterior"),
+)
 
 
 def main(scenario: Annotated[str, sorted(SIGMAS)], draws: int = 100) -> None:
@@ -36,7 +41,7 @@ def main(scenario: Annotated[str, sorted(SIGMAS)], draws: int = 100) -> None:
     rows = [row for seed in range(FIRST, FIRST + draws) for row in judged(scenario, seed)]
     for (view, sigma), own in pd.DataFrame(rows).groupby([0, 1], sort=False):
         numbers = own.drop(columns=[0, 1])
-        means = [*numbers.mean()[:-1], numbers.median().iloc[-1]]
+        means = [*numbers.mean()[:-2], *numbers.median()[-2:]]
         print(f"{view} {sigma:g} {len(own)}", *(f"{one:.3f}" for one in means), sep=" | ")
 
 
@@ -58,11 +63,14 @@ def numbers_of(
     problem: Problem, seen: Observation, weights: np.ndarray, rng: np.random.Generator
 ) -> tuple[float, ...]:
     """The numbers of ``COLUMNS``."""
-    began = shared.clock()
-    found = NeuralPosterior().estimate(problem, seen, rng=rng, budget=60.0)
-    took = shared.clock()[1] - began[1]
+    took, found = shared.timed(
+        lambda: NeuralPosterior().estimate(problem, seen, rng=rng, budget=60.0)
+    )
     best = Map().estimate(problem, seen, rng=rng, budget=60.0)
-    assert found.samples is not None, "the network knows these scenarios"
+    sampled_took, sampled = shared.timed(
+        lambda: Posterior().estimate(problem, seen, rng=rng, budget=120.0)
+    )
+    assert found.samples is not None and sampled.samples is not None
     samples, truth = found.samples.reshape(len(found.samples), -1), weights.ravel()
     inverse = np.linalg.pinv(np.cov(samples, rowvar=False), rcond=1e-9, hermitian=True)
     away = samples - samples.mean(axis=0)
@@ -72,11 +80,14 @@ def numbers_of(
     return (
         cosine_error(found.weights, weights),
         cosine_error(best.weights, weights),
+        cosine_error(sampled.weights, weights),
         cosine_error(np.full_like(weights, 1 / weights.shape[1]), weights),
         float(scoringrules.es_ensemble(truth, samples)),
+        float(scoringrules.es_ensemble(truth, sampled.samples.reshape(len(sampled.samples), -1))),
         float(own @ inverse @ own <= limit),
         float(((low <= truth) & (truth <= high)).mean()),
         1e3 * took,
+        1e3 * sampled_took,
     )
 
 
