@@ -9,7 +9,8 @@ import numpy as np
 from pettingzoo.utils.wrappers import OrderEnforcingWrapper
 
 from olne_bench.envs.olne_v0 import AecWorld, OlneWorld
-from olne_bench.envs.roads.highway_roads import ROAD_NAMES, PlayersOnly, make_road
+from olne_bench.envs.roads.highway_roads import ROAD_NAMES, make_road
+from olne_bench.envs.roads.simulated_roads import PlayersOnly
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.worlds.episode import Episode
 from olne_bench.envs.worlds.layout import player_name

@@ -5,6 +5,7 @@ import signal
 import sys
 from collections import Counter
 from collections.abc import Iterable
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -42,6 +43,8 @@ def run(
     drawn = read_formats(formats) if figures else ()
     wanted, machine = _wanted(suite, **asked), Machine(out, jobs, dask, memory)
     whole = load_study(wanted, machine)
+    if report:  # imported while processes still import what judges trials
+        import_module("olne_bench.bench.report.write")
     foreign = [one.column for one in whole.metrics if not is_built_in(METRIC, one.name)]
     if foreign and whole.kind != "trials":
         _note(f"note: a study of {whole.kind} has errors of its own; ignored: {', '.join(foreign)}")

@@ -200,10 +200,15 @@ def begin(modules: Sequence[str]) -> None:
     _nursery(_ERRORS, modules)
 
 
+def has_begun() -> bool:
+    """Whether this process has a nursery."""
+    return _own is not None and not _own.gone and _own.owner == os.getpid()
+
+
 def meanwhile(modules: Sequence[str]) -> None:
     """Have the nursery that was begun import more, without waiting for it."""
     with _lock:
-        if _own is not None and not _own.gone and _own.owner == os.getpid():
+        if _own is not None and has_begun():
             _own.tell({"import": modules})
 
 
@@ -211,7 +216,7 @@ def _nursery(output: IO[Any] | int, modules: Sequence[str] = ()) -> Nursery:
     """The nursery of this process; if there is none, one is started, which imports modules."""
     global _own
     with _lock:
-        if _own is None or _own.gone or _own.owner != os.getpid():
+        if _own is None or not has_begun():
             _own = _interpreter(output, modules)
         return _own
 
@@ -317,9 +322,11 @@ def _fork(control: socket.socket, birth: Birth, connection: int, output: int, fi
 
 
 def _import(modules: Sequence[str]) -> None:
+    gc.disable()  # a third of the time of imports goes into looking for garbage
     for name in modules:
         with suppress(Exception):  # whoever needs it will say so
             import_module(name)
+    gc.enable()
 
 
 def _have_nursery(*private: int) -> None:

@@ -9,7 +9,8 @@ from matplotlib.figure import Figure
 
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.report.escapes import write_csv
-from olne_bench.bench.report.figures import draw_figures, online, style
+from olne_bench.bench.report.figures import draw_tables, merged, online, style
+from olne_bench.bench.report.figures.beside import DrawnBeside
 from olne_bench.bench.report.leaderboard_text import format_summary, latex, markdown
 from olne_bench.bench.report.page.online import online_page
 from olne_bench.bench.report.page.render import render_page
@@ -58,11 +59,13 @@ def write_report(
         _refuse_unknown(store, playable)
         study = study_in(folder, store)
         trials = write_trials(store.batches(), folder)
-    tables = tabulate(trials, study)
-    _write_tables(tables.by_name(), folder)
-    write_text(folder / "leaderboard.md", markdown(tables.leaderboard, study))
-    write_text(folder / "leaderboard.tex", latex(tables.leaderboard, study))
-    pictures, lost = draw_figures(trials, tables, folder / "figures", formats, study)
+    with DrawnBeside(trials, folder / "figures", formats, study) as beside:
+        tables = tabulate(trials, study)
+        _write_tables(tables.by_name(), folder)
+        write_text(folder / "leaderboard.md", markdown(tables.leaderboard, study))
+        write_text(folder / "leaderboard.tex", latex(tables.leaderboard, study))
+        of_tables = draw_tables(trials, tables, folder / "figures", formats, study)
+        pictures, lost = merged(beside.drawn(), of_tables)
     notes = [*tables.notes, *lost]
     page = render_page(trials, tables, runs, study, notes, playable=playable, pictures=pictures)
     write_text(folder / "index.html", page.html)

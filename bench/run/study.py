@@ -22,8 +22,11 @@ from olne_bench.bench.run.executor import run_trials
 from olne_bench.bench.run.provenance import provenance
 from olne_bench.bench.run.resume import Stored, check_same_suite, pending
 from olne_bench.bench.run.store import Store
+from olne_bench.envs.roads.highway_roads import ROAD_NAMES
 from olne_bench.plugins import Description, is_built_in, source
 
+#: What plays these roads, whose import takes a second.
+_SIMULATOR = "olne_bench.envs.roads.simulated_roads"
 #: File in the run folder for what estimators print.
 LOG = "workers.log"
 
@@ -114,7 +117,8 @@ def load_study(wanted: Wanted, machine: Machine) -> Suite:
 def _described(hidden: Path, questions: list[Question]) -> list[Description]:
     """Describe plugins, while built-in ones are imported where they will run."""
     built_in = [(kind, name) for kind, name, _ in questions if kind and is_built_in(kind, name)]
-    nursery.meanwhile([source(kind, name)[0] for kind, name in built_in])
+    simulators = [_SIMULATOR] if any(name in ROAD_NAMES for _, name in built_in) else []
+    nursery.meanwhile([*(source(kind, name)[0] for kind, name in built_in), *simulators])
     return describe_all(questions, hidden)
 
 

@@ -28,8 +28,9 @@ from olne_bench.envs.drive.cars import (
 )
 from olne_bench.envs.drive.footprint import gap, gaps
 from olne_bench.envs.drive.nash_traffic import REPLAN, NashTraffic, PlanCounts, drivable, nash_plan
-from olne_bench.envs.roads.highway_roads import SIMULATION_FREQUENCY, PlayersOnly, make_road
+from olne_bench.envs.roads.highway_roads import SIMULATION_FREQUENCY, make_road
 from olne_bench.envs.roads.road_scenario import NOISE_SCALE
+from olne_bench.envs.roads.simulated_roads import PlayersOnly
 from olne_bench.envs.roads.stock_drivers import StockDriver, stock_car, stock_route
 from olne_bench.envs.scenarios.true_weights import TEMPERED
 from olne_bench.games.model.lanes import StraightLane

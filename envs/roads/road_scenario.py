@@ -8,9 +8,15 @@ from itertools import combinations
 from typing import Any, ClassVar, TypeGuard, cast
 
 import numpy as np
-from highway_env.vehicle.kinematics import Vehicle
 
-from olne_bench.envs.roads.highway_roads import CAR, DT, MAX_ACCELERATION, MAX_STEERING, replay
+from olne_bench.envs.roads.highway_roads import (
+    CAR,
+    DT,
+    MAX_ACCELERATION,
+    MAX_SPEED,
+    MAX_STEERING,
+    replay,
+)
 from olne_bench.envs.roads.temperaments import (
     checked_shares,
     drawn_temperaments,
@@ -65,7 +71,7 @@ def _reason(scenario: Scenario) -> str | None:
         return "no equilibrium"
     if (np.abs(plan.controls) > (MAX_STEERING, MAX_ACCELERATION)).any():
         return "out of limits"
-    if np.abs(plan.states[..., 3]).max() > Vehicle.MAX_SPEED:
+    if np.abs(plan.states[..., 3]).max() > MAX_SPEED:
         return "out of limits"
     played = replay(scenario.name, plan.states[0], plan.controls, MARGIN)
     exact = np.abs(played - plan.states).max() < REPLAY_TOLERANCE

@@ -256,26 +256,24 @@ def reach(feature: Feature, player: int, count: int, dynamics: Dynamics) -> str:
     whole = both(player, states)
     others = [state for j, state in enumerate(states) if j != player]
     own = states[player]
+    needs_others = bool(others) and ca.depends_on(whole, ca.vertcat(*others))
     try:
-        alone = both(0, [own])
-        summed = alone + sum(both(0, [own, other]) - alone for other in others)
+        summed = alone = both(0, [own])
+        if needs_others:
+            summed += sum(both(0, [own, other]) - alone for other in others)
     except Exception:  # somebody's formula may need all players
         return "all"
-    arguments = ca.vertcat(*states, control, numbers, dt)
-    if not (others and ca.depends_on(whole, ca.vertcat(*others))):
-        return "own" if _equal(whole, alone, arguments) else "all"
-    return "pair" if _equal(whole, summed, arguments) else "all"
+    if not _equal(whole, summed, ca.vertcat(*states, control, numbers, dt)):
+        return "all"
+    return "pair" if needs_others else "own"
 
 
 def _equal(one: ca.SX, other: ca.SX, arguments: ca.SX) -> bool:
     """Whether two expressions are equal at points of which some are close to each other."""
     both = ca.Function("both", [arguments], [one - other, one])
-    rng, compared = np.random.default_rng(0), 0
-    for spread in np.logspace(-3, 1, _TRIES):
-        point = 1 + spread * rng.uniform(-0.5, 0.5, arguments.numel())
-        missing, size = map(np.array, both(point))
-        if np.isfinite(size).all():
-            compared += 1
-            if not np.abs(missing).max() < 1e-9 * (1 + np.abs(size).max()):
-                return False
-    return compared > 0
+    spreads = np.logspace(-3, 1, _TRIES)
+    drawn = np.random.default_rng(0).uniform(-0.5, 0.5, (_TRIES, arguments.numel()))
+    missing, size = map(np.array, both((1 + spreads[:, None] * drawn).T))
+    finite = np.isfinite(size).all(axis=0)
+    most = 1e-9 * (1 + np.abs(size[:, finite]).max(axis=0, initial=0.0))
+    return bool(finite.any() and (np.abs(missing[:, finite]).max(axis=0) < most).all())

@@ -1,11 +1,15 @@
 """Figures of a study: ``draw`` makes one of a scenario or of all scores, or ``NotDrawnError``."""
 
 from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import get_args
 
 import pandas as pd
 from matplotlib.figure import Figure
 
+from olne_bench.bench.plan.kinds import FigureKind
 from olne_bench.bench.report.figures import (
     calibration,
     confusion,
@@ -22,55 +26,96 @@ from olne_bench.bench.report.tables import RunTables
 
 #: SVG elements for a page by scenario, and by kind; that of all has the scenario "".
 Pictures = dict[str, dict[str, str]]
+#: Pictures, and notes of what could not be drawn, and why.
+Drawn = tuple[Pictures, list[str]]
 
 
-def draw_figures(
-    trials: pd.DataFrame | Parts,
-    tables: RunTables,
-    directory: Path,
-    formats: Sequence[str] = USUAL_FORMATS,
-    study: Study = USUAL,
-) -> tuple[Pictures, list[str]]:
-    """Draw ``scores``, ``damage``, and others of each scenario, if there are formats.
+@dataclass(frozen=True)
+class Studio:
+    """Draws figures into a folder: those of ``study.figures`` alone, if it names any."""
 
-    Those of ``study.figures`` alone, if it names any. Files are named ``<kind>_<scenario>.png`` and
-    so on. The same trials give the same bytes. What could not be drawn is told, and why.
-    """
-    pictures: Pictures = {}
-    notes: list[str] = []
-    if not formats:
-        return pictures, notes
+    folder: Path
+    formats: Sequence[str]
+    study: Study
+    pictures: Pictures = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
 
-    def add(kind: str, scenario: str, draw: Callable[[], Figure]) -> None:
-        if study.figures and kind not in study.figures:
+    def add(self, kind: str, scenario: str, draw: Callable[[], Figure]) -> None:
+        """Draw a figure of a scenario, or of all (""), and write it."""
+        if self.study.figures and kind not in self.study.figures:
             return
         try:
             figure = draw()
         except NotDrawnError as error:
             of = f" of {scenario}" if scenario else ""
-            notes.append(f"figure {kind}{of}: {error}")
+            self.notes.append(f"figure {kind}{of}: {error}")
             return
         name = f"{kind}_{style.file_name(scenario)}" if scenario else kind
-        pictures.setdefault(scenario, {})[kind] = style.svg_text(figure)
-        style.save(figure, directory / name, formats)
+        self.pictures.setdefault(scenario, {})[kind] = style.svg_text(figure)
+        style.save(figure, self.folder / name, self.formats)
+
+
+def draw_figures(
+    trials: pd.DataFrame | Parts,
+    tables: RunTables,
+    folder: Path,
+    formats: Sequence[str] = USUAL_FORMATS,
+    study: Study = USUAL,
+) -> Drawn:
+    """Draw ``scores``, ``damage``, and others of each scenario, if there are formats.
+
+    Files are named ``<kind>_<scenario>.png`` and so on. The same trials give the same bytes.
+    """
+    parts = parts_of(trials)
+    of_rows = draw_rows(parts, folder, formats, study)
+    return merged(of_rows, draw_tables(parts, tables, folder, formats, study))
+
+
+def draw_rows(parts: Parts, folder: Path, formats: Sequence[str], study: Study) -> Drawn:
+    """Draw the figures of each scenario that need its rows alone."""
+    studio = Studio(folder, formats, study)
 
     def scenario(name: str, rows: pd.DataFrame) -> None:
-        known, drivers = (
-            table[table["scenario"] == name]
-            for table in (tables.identifiability_by_noise, tables.confusions)
-        )
-        add("trial", name, lambda: trial.draw(rows, study))
-        add("errors", name, lambda: over_noise.draw_errors(rows, study))
-        add("failures", name, lambda: over_noise.draw_failures(rows))
-        add("identifiability", name, lambda: over_noise.draw_identifiability(known))
-        add("calibration", name, lambda: calibration.draw_coverage(rows))
-        add("widths", name, lambda: calibration.draw_widths(rows))
-        if len(drivers):
-            add("confusion", name, lambda: confusion.draw(drivers))
+        studio.add("trial", name, lambda: trial.draw(rows, study))
+        studio.add("errors", name, lambda: over_noise.draw_errors(rows, study))
+        studio.add("failures", name, lambda: over_noise.draw_failures(rows))
+        studio.add("calibration", name, lambda: calibration.draw_coverage(rows))
+        studio.add("widths", name, lambda: calibration.draw_widths(rows))
 
+    if formats:
+        with style.applied():
+            of_each(parts, scenario)
+    return studio.pictures, studio.notes
+
+
+def draw_tables(
+    parts: Parts, tables: RunTables, folder: Path, formats: Sequence[str], study: Study
+) -> Drawn:
+    """Draw the figures of what tables say."""
+    studio = Studio(folder, formats, study)
+    if not formats:
+        return studio.pictures, studio.notes
     with style.applied():
-        add("scores", "", lambda: forest.draw(tables.scores, study))
+        studio.add("scores", "", lambda: forest.draw(tables.scores, study))
         if len(tables.damage):
-            add("damage", "", lambda: damage.draw(tables.damage))
-        of_each(parts_of(trials), scenario)
-    return pictures, notes
+            studio.add("damage", "", lambda: damage.draw(tables.damage))
+        for name in parts.outline.scenarios:
+            known, drivers = (
+                table[table["scenario"] == name]
+                for table in (tables.identifiability_by_noise, tables.confusions)
+            )
+            studio.add("identifiability", name, partial(over_noise.draw_identifiability, known))
+            if len(drivers):
+                studio.add("confusion", name, partial(confusion.draw, drivers))
+    return studio.pictures, studio.notes
+
+
+def merged(one: Drawn, other: Drawn) -> Drawn:
+    """What was drawn of rows and of tables, by scenario and in the order of kinds."""
+    names = dict.fromkeys([*other[0], *one[0]])
+    both = {name: one[0].get(name, {}) | other[0].get(name, {}) for name in names}
+    pictures = {
+        n: {kind: own[kind] for kind in get_args(FigureKind) if kind in own}
+        for n, own in both.items()
+    }
+    return pictures, [*other[1], *one[1]]

@@ -150,23 +150,27 @@ def pair_table(logs: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
 
 
 def _ratios(logs: pd.DataFrame, reference: str) -> pd.DataFrame:
-    """Rows with ``ratio``, the logarithm of error over the reference's in the same trial."""
+    """Rows with ``ratio``, the logarithm of error over the reference's in the same trial.
+
+    Also numbers ``cell`` of scenario and sensor, ``trial`` in their order, ``unit`` of their draw.
+    """
     own = logs.loc[logs["estimator"] == reference, [*_TRIAL, "log"]]
     both = logs.merge(own.rename(columns={"log": "of_reference"}), on=_TRIAL)
-    return both.assign(ratio=both["log"] - both["of_reference"])
+    places = {"cell": _CELL, "trial": _TRIAL, "unit": ["scenario", "draw"]}
+    numbers = {name: both.groupby(levels).ngroup() for name, levels in places.items()}
+    return both.assign(ratio=both["log"] - both["of_reference"], **numbers)
 
 
 def _common(ratios: pd.DataFrame) -> pd.DataFrame:
     """The cells that all estimators share that rank over all scenarios; others do not rank."""
-    cells = ratios.loc[ratios["ranked"], [*_CELL, "estimator"]].drop_duplicates()
-    numbers = cells.groupby("estimator").size().sort_values(ascending=False, kind="stable")
-    shared, ranked = pd.MultiIndex.from_frame(cells[_CELL].drop_duplicates()), []
+    cells = ratios[ratios["ranked"]].groupby("estimator")["cell"].agg(set)
+    numbers = cells.map(len).sort_values(ascending=False, kind="stable")
+    shared, ranked = set(ratios["cell"]), []
     for name in numbers.index[numbers >= _ENOUGH_CELLS * numbers.max()]:
-        own = pd.MultiIndex.from_frame(cells.loc[cells["estimator"] == name, _CELL])
-        if len(both := shared.intersection(own)):
+        if both := shared & cells[name]:
             shared = both
             ranked.append(name)
-    here = ratios[pd.MultiIndex.from_frame(ratios[_CELL]).isin(shared)]
+    here = ratios[ratios["cell"].isin(shared)]
     return here.assign(ranked=here["estimator"].isin(ranked))
 
 
@@ -177,12 +181,11 @@ class _Draws:
     (U, C) trials that have a value; ``strata`` (U,) are the draws' scenarios, as numbers.
     """
 
-    def __init__(self, trials: pd.Index, values: np.ndarray) -> None:
-        """Sum values (T, C) of trials with the levels ``_TRIAL``; NaN where there is none."""
-        places = trials.to_frame(index=False)
-        codes = places.groupby(["scenario", "draw"], sort=False).ngroup().to_numpy()
+    def __init__(self, trials: pd.DataFrame, values: np.ndarray) -> None:
+        """Sum values (T, C) of trials, rows with ``scenario, unit``; NaN where there is none."""
+        codes = pd.factorize(trials["unit"])[0]
         units, first = np.unique(codes, return_index=True)
-        self.strata = pd.factorize(places["scenario"])[0][first]
+        self.strata = pd.factorize(trials["scenario"])[0][first]
         known, shape = np.isfinite(values), (len(units), values.shape[1])
         self.sums, self.sizes = np.zeros(shape, order="F"), np.zeros(shape, order="F")
         np.add.at(self.sums, codes, np.where(known, values, 0.0))
@@ -223,37 +226,45 @@ class _Draws:
         return np.where(self.draws >= FEWEST_DRAWS, (1 + as_far) / (1 + _SIGN_CHANGES), 1.0)
 
 
-def _wide(ratios: pd.DataFrame) -> pd.DataFrame:
-    """Ratios as a table of trials and estimators."""
-    place = [*_TRIAL, "estimator"]
-    known = ratios.drop_duplicates(place).set_index(place)["ratio"]
-    return known.unstack()  # noqa: PD010  pivot_table takes several times as long
+def _wide(ratios: pd.DataFrame) -> tuple[pd.DataFrame, np.ndarray, np.ndarray]:
+    """Trials (T rows of ratios), estimators (E,), and ratios (T, E), NaN where there is none."""
+    first = ratios.drop_duplicates(["trial", "estimator"])
+    _, trials, rows = np.unique(first["trial"], return_index=True, return_inverse=True)
+    columns, names = pd.factorize(first["estimator"].to_numpy(), sort=True)
+    values = np.full((len(trials), len(names)), np.nan)
+    values[rows, columns] = first["ratio"]
+    return first.iloc[trials], names, values
 
 
 def _scores(ratios: pd.DataFrame) -> pd.DataFrame:
     """Scores of one slice, without its labels."""
-    errors = np.exp(ratios["log"]).where(~ratios["failed"], np.inf)
-    medians = errors.groupby(ratios["estimator"]).apply(np.median)
-    kinds = {"ranked": "all", "scenario": "nunique", "failed": "sum"}
-    counts = ratios.groupby("estimator").agg(kinds).assign(median=medians)
-    counts = counts.rename(columns={"scenario": "scenarios", "failed": "failures"})
-    wide = _wide(ratios)
-    told = _Draws(wide.index, wide.to_numpy(float))
-    trials = told.sizes.sum(axis=0).astype(int)
-    return counts.assign(trials=trials, **told.ratios("score")).reset_index()
+    trials, names, values = _wide(ratios)
+    told = _Draws(trials, values)
+    columns = ["estimator", "ranked", "scenario", "failed", "log"]
+    whole = {name: ratios[name].to_numpy() for name in columns}
+    errors = np.where(whole["failed"], np.inf, np.exp(whole["log"].astype(float)))
+    own = [whole["estimator"] == name for name in names]
+    counts = {
+        "estimator": names,
+        "ranked": [whole["ranked"][rows].all() for rows in own],
+        "scenarios": [len(set(whole["scenario"][rows])) for rows in own],
+        "failures": [whole["failed"][rows].sum() for rows in own],
+        "median": [np.median(errors[rows]) for rows in own],
+        "trials": told.sizes.sum(axis=0).astype(int),
+    }
+    return pd.DataFrame(counts | told.ratios("score"))
 
 
 def _pairs(ratios: pd.DataFrame) -> pd.DataFrame:
     """Comparisons of the estimators of one slice, without its labels."""
-    wide = _wide(ratios)
-    first, second = np.triu_indices(wide.shape[1], 1)
-    values = wide.to_numpy(float)
+    trials, names, values = _wide(ratios)
+    first, second = np.triu_indices(len(names), 1)
     differences = values[:, first] - values[:, second]
     # Solvers that end at the same optimum differ by rounding.
     differences[np.abs(differences) < _NEGLIGIBLE] = 0.0
-    told = _Draws(wide.index, differences)
-    names = {"estimator": wide.columns[first], "other": wide.columns[second]}
-    found = pd.DataFrame(names | told.ratios("ratio") | {"p": told.p()})
+    told = _Draws(trials, differences)
+    labels = {"estimator": names[first], "other": names[second]}
+    found = pd.DataFrame(labels | told.ratios("ratio") | {"p": told.p()})
     return found[found["draws"] > 0]
 
 

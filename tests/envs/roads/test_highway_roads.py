@@ -1,5 +1,7 @@
 """HighwayEnv's roads, with players on lanes that are curves of games."""
 
+import subprocess
+import sys
 from types import SimpleNamespace
 
 import casadi as ca
@@ -8,11 +10,14 @@ import pytest
 from highway_env.envs.common.abstract import AbstractEnv
 from highway_env.road import lane as highway_lanes
 from highway_env.road.lane import PolyLaneFixedWidth
+from highway_env.vehicle.kinematics import Vehicle
 
 from olne_bench.envs.roads.highway_roads import (
     CAR,
     DT,
+    LENGTH,
     MAX_ACCELERATION,
+    MAX_SPEED,
     MAX_STEERING,
     ROAD_NAMES,
     SIMULATION_FREQUENCY,
@@ -23,6 +28,7 @@ from olne_bench.envs.roads.highway_roads import (
     replay,
     road_network,
 )
+from olne_bench.envs.roads.simulated_roads import ROADS
 from olne_bench.envs.scenarios.two_way import ONCOMING_DISTANCE
 from olne_bench.envs.tracks.road import curve_points
 from olne_bench.games.model.dynamics import rollout
@@ -34,6 +40,18 @@ LANES = {
     "clockwise": highway_lanes.CircularLane([5.0, 6.0], 20.0, 0.4, 2.0, clockwise=True),
     "counter-clockwise": highway_lanes.CircularLane([5.0, 6.0], 20.0, 2.0, 0.4, clockwise=False),
 }
+
+
+def test_vehicles_are_those_of_the_simulator() -> None:
+    assert (Vehicle.LENGTH, Vehicle.MAX_SPEED) == (LENGTH, MAX_SPEED)
+    assert tuple(ROADS) == ROAD_NAMES
+
+
+def test_a_family_is_known_without_the_simulator() -> None:
+    """Its import takes a second."""
+    names = ", ".join(f"olne_bench.envs.scenarios.{name}" for name in ROAD_NAMES)
+    line = f'import sys, {names}; assert not {{"highway_env", "pygame"}} & set(sys.modules)'
+    subprocess.run([sys.executable, "-c", line], check=True)
 
 
 @pytest.mark.parametrize("kind", LANES)
