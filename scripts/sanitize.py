@@ -22,6 +22,7 @@ TESTS = (
     "tests/games/compiled/test_elimination.py",
     "tests/games/compiled/test_four_games.py",
     "tests/games/compiled/test_row_functions.py",
+    "tests/games/solve/test_feedback.py",
     "tests/estimators/shared/test_interior_point.py",
     "tests/estimators/shared/test_pooled.py::test_drivers_of_different_games_are_recovered_without_noise",
 )

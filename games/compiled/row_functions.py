@@ -76,14 +76,14 @@ class RowFunction:
         return BufferedFunction(self._function.map(count))
 
 
-def row_functions(functions: Sequence[ca.Function]) -> list[RowFunction]:
-    """Row functions that share one compiled library; each function needs a name of its own."""
+def row_functions(functions: Sequence[ca.Function], *flags: str) -> list[RowFunction]:
+    """Row functions that share one library, compiled with further flags; each has its own name."""
     generator = ca.CodeGenerator("rows", {"casadi_int": "int"})
     for function in functions:
         generator.add(function)
     loops = [_LOOP.format(**_numbers(function)) for function in functions]
     head = "#define CASADI_SYMBOL_EXPORT static"
-    library = compiler.load("\n".join([head, generator.dump(), *loops]))
+    library = compiler.load("\n".join([head, generator.dump(), *loops]), *flags)
     return [RowFunction(function, library) for function in functions]
 
 

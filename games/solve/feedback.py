@@ -18,18 +18,24 @@ motion; with them (Laine et al. 2021) LQ games converge in fewer rounds. Second 
 strategies are left out by both.
 """
 
+import ctypes
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib.resources import files
 
 import casadi as ca
 import numpy as np
 
-from olne_bench.games.compiled.buffered import BufferedFunction
+from olne_bench.games.compiled.bindings import check_size
+from olne_bench.games.compiled.compiler import load
+from olne_bench.games.compiled.row_functions import RowFunction, row_functions
 from olne_bench.games.model.constraints import refuse_constraints
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.numbers import Structure, structure_and_numbers, with_symbols
 from olne_bench.games.model.stage_costs import written_costs
 from olne_bench.games.solve.olne import solve_olne
+
+_SOURCE = files("olne_bench.games.solve").joinpath("feedback.c")
 
 #: Largest |a|, in units of controls, at which a motion counts as an equilibrium.
 TOLERANCE = 1e-8
@@ -164,10 +170,6 @@ class _LqGame:
         self.own = game.dynamics.control_size
         states, controls = self.count * self.size, self.count * self.own
         self._states, self._controls = states, controls
-        # Places of each player's controls among (x, u), and of its state and controls.
-        self._own = states + np.arange(controls).reshape(self.count, self.own)
-        placed = np.hstack([np.arange(states).reshape(self.count, self.size), self._own])
-        self._places = placed[:, :, None], placed[:, None, :]
 
     def solved(
         self, x: np.ndarray, plan: np.ndarray, gains: np.ndarray, most: int, player: int | None
@@ -212,67 +214,84 @@ class _LqGame:
         self, x: np.ndarray, u: np.ndarray, gains: np.ndarray, less: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """The motion of strategies u - gains (x' - x) - less from x_1."""
-        flat, dt = gains.reshape(len(u), -1), np.full((len(u), 1), self._game.dt)
-        after = np.vstack([x[0], self._functions.roll(x[0], x[:-1], u, flat, less, dt)])
+        motion = (x[0], x[:-1], u, gains, less, np.full(len(u), self._game.dt))
+        after = self._functions.roll(*(one[None] for one in motion)).reshape(len(u), -1)
+        after = np.vstack([x[0], after])
         away = after[:-1] - x[:-1]
         return after, u - (gains @ away[..., None])[..., 0] - less
 
     def _answer(self, x: np.ndarray, u: np.ndarray, kept: np.ndarray, free: np.ndarray) -> _Answer:
         """(F1) to (F5); controls that are not free (Nm,) keep their gains (T-1, Nm, Nn)."""
-        states, controls = self._states, self._controls
-        steps, players, fixed = len(u), np.arange(self.count), ~free
-        costs, motion, squares, slopes, bends, Z, zeta = self._expanded(x, u)
-        gains, offsets = kept.copy(), np.where(free, np.inf, np.zeros((steps, controls)))
-        curvatures = np.empty((steps, self.count, self.own, self.own))
-        follow, still = np.eye(states + controls, states), np.zeros(states + controls)
-        inner = players[:, None, None], np.arange(self.own)[:, None], self._own[:, None, :]
-        rows = players[:, None], self._own
-        for t in range(steps - 1, -1, -1):
-            own = zeta.reshape(self.count, self.count, self.size)
-            squares[t][:, *self._places] += np.einsum("ijk,jkab->ijab", own, bends[t])
-            whole = squares[t] + motion[t].T @ Z @ motion[t]
-            pull = slopes[t] + zeta @ motion[t]
-            mine = whole[rows]  # (N, m, Nn + Nm): (F3)
-            curvatures[t], flat = mine[inner], mine.reshape(controls, -1)[free]
-            of_states, of_controls = flat[:, :states], flat[:, states:]
-            if fixed.any():
-                of_states = of_states - of_controls[:, fixed] @ kept[t, fixed]
-            right = np.column_stack([of_states, pull[rows].ravel()[free]])
-            try:
-                found = np.linalg.solve(of_controls[:, free], right)
-            except np.linalg.LinAlgError:
-                offsets[:] = np.inf
-                break
-            gains[t, free], offsets[t, free] = found[:, :states], found[:, states]
-            follow[states:], still[states:] = -gains[t], -offsets[t]
-            zeta = (pull + whole @ still) @ follow
-            Z = follow.T @ whole @ follow
-        return _Answer(x, u, gains, offsets, curvatures, costs)
-
-    def _expanded(self, x: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, ...]:
-        """(F1): costs, (T-1, ...) [A B], H, g and second derivatives of the motion; Z_T, zeta_T."""
-        count, n, own, states = self.count, self.size, self.size + self.own, self._states
-        both, steps = states + self._controls, len(u)
-        parts = self._functions.steps(x[:-1], u, *self._known)
-        shapes = (states, both), (count, both, both), (count, both), (count, n, own, own)
-        ends = np.cumsum([count, *map(np.prod, shapes)])
-        running, *cut = np.split(parts, ends[:-1], axis=1)
-        motion, squares, slopes, bends = (
-            part.reshape(steps, *shape) for part, shape in zip(cut, shapes, strict=True)
+        steps, count, own = len(u), self.count, self.own
+        parts, costs, ends = self._expanded(x, u)
+        offsets = np.full((steps, self._controls), np.inf)
+        found = _Answer(
+            x, u, np.empty_like(kept), offsets, np.empty((steps, count, own, own)), costs
         )
-        last = self._functions.final(x[-1], *self._known)[0]
-        final, Z, zeta = np.split(last, [count, count + count * states**2])
-        ending = Z.reshape(count, states, states), zeta.reshape(count, states)
-        return running.sum(axis=0) + final, motion, squares, slopes, bends, *ending
+        both = self._states + self._controls
+        sizes = self._states * both, count * both**2, count * both
+        places = parts.ctypes.data + parts.itemsize * np.cumsum([0, *sizes])
+        kept, chosen = np.ascontiguousarray(kept), free.astype(np.int32)
+        game = _Steps(
+            *(steps, count, self.size, own),
+            *(*map(int, places), parts.strides[0] // parts.itemsize),
+            *(kept.ctypes.data, chosen.ctypes.data),
+        )
+        library = _library()
+        arrays = *ends, found.gains, offsets, found.curvatures, np.empty(library.space_of(game))
+        if not library.answer(game, _Arrays(*(array.ctypes.data for array in arrays))):
+            offsets[:] = np.inf
+        return found
+
+    def _expanded(
+        self, x: np.ndarray, u: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
+        """(F1): [A B], H, g and f'' of each step in a row, costs (N,), and Z_T, zeta_T."""
+        known = [np.tile(one, (len(u), 1)) for one in self._known]
+        parts = self._functions.steps(x[:-1], u, *known)
+        last = self._functions.final(x[-1:], *(one[:1] for one in known))[0]
+        final, Z, zeta = np.split(last, [self.count, self.count * (1 + self._states**2)])
+        costs = parts[:, : self.count].sum(axis=0) + final
+        return parts[:, self.count :], costs, (Z.copy(), zeta.copy())
+
+
+class _Steps(ctypes.Structure):
+    """Mirrors ``Game`` of the C file."""
+
+    _fields_ = (
+        *((name, ctypes.c_int) for name in ("steps", "count", "states", "controls")),
+        *((name, ctypes.c_void_p) for name in ("motion", "squares", "slopes", "bends")),
+        ("stride", ctypes.c_int),
+        *((name, ctypes.c_void_p) for name in ("kept", "free")),
+    )
+
+
+class _Arrays(ctypes.Structure):
+    """Mirrors ``Answer`` of the C file."""
+
+    _fields_ = tuple(
+        (name, ctypes.c_void_p) for name in ("Z", "zeta", "gains", "offsets", "curvatures", "space")
+    )
+
+
+@lru_cache(maxsize=1)
+def _library() -> ctypes.CDLL:
+    """``feedback.c``, with the types of its functions' arguments."""
+    library = load(_SOURCE.read_text())
+    for k, mirror in enumerate((_Steps, _Arrays)):
+        check_size(library.size_of(k), ctypes.sizeof(mirror), mirror.__name__)
+    library.answer.argtypes = [ctypes.POINTER(_Steps), ctypes.POINTER(_Arrays)]
+    library.space_of.argtypes, library.space_of.restype = [ctypes.POINTER(_Steps)], ctypes.c_long
+    return library
 
 
 @dataclass(frozen=True)
 class _Functions:
-    """Compiled expressions of a game; rows of arguments and results are steps."""
+    """Compiled expressions of a game."""
 
-    steps: BufferedFunction  # (x, u, theta, numbers) -> costs, [A B], H, g, f''
-    final: BufferedFunction  # (x_T, theta, numbers) -> costs, H, g
-    roll: BufferedFunction  # (x_1, x, u, P, less, dt) -> next states
+    steps: RowFunction  # (x, u, theta, numbers) -> costs, [A B], H, g, f''; rows are steps
+    final: RowFunction  # (x_T, theta, numbers) -> costs, H, g
+    roll: RowFunction  # (x_1, x, u, P, less, dt) of a motion -> all next states
 
 
 @lru_cache(maxsize=32)
@@ -303,12 +322,13 @@ def _functions(structure: Structure, steps: int) -> _Functions:
     moved = ca.Function("motion", [x, u, dt], [motion])(now, control, dt)
     roll = ca.Function("step", [now, x, u, gain, less, dt], [moved])
     known, last = [theta, numbers], _column(*final, *ends, *pulls)
-    mapped = ca.Function("parts", [x, u, *known], [parts]).map("parts", "serial", steps, [2, 3], [])
-    return _Functions(
-        steps=BufferedFunction(mapped),
-        final=BufferedFunction(ca.Function("final", [x, *known], [last])),
-        roll=BufferedFunction(roll.mapaccum(steps)),
+    functions = (
+        ca.Function("parts", [x, u, *known], [parts]),
+        ca.Function("final", [x, *known], [last]),
+        roll.mapaccum("rolled", steps),
     )
+    # Optimising the long code of second derivatives takes longer than it saves.
+    return _Functions(*row_functions(functions, "-O1"))
 
 
 def _column(*parts: ca.SX) -> ca.SX:
