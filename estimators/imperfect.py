@@ -127,6 +127,8 @@ class Imperfect(Posterior):
     """
 
     name: ClassVar[str] = "imperfect"
+    #: Kicks are those of one motion.
+    together: ClassVar[None] = None  # type: ignore[assignment]
 
     def peaks(
         self, problem: Problem, observation: Observation, deadline: float

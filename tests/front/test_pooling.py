@@ -37,3 +37,5 @@ def test_bad_requests_are_told(seen) -> None:
         ob.estimate_together(problems, observations[:2])
     with pytest.raises(ValueError, match="'uniform' takes motions of unlike cars one by one"):
         ob.estimate_together(problems, observations, "uniform")
+    with pytest.raises(ValueError, match="'imperfect' takes motions of unlike cars one by one"):
+        ob.estimate_together(problems, observations, "imperfect")

@@ -44,7 +44,7 @@ def estimate_together(
         ValueError: on motions that do not fit each other, or an estimator without ``together``.
     """
     chosen = chosen_estimator(estimator)
-    if not hasattr(chosen.made, "together"):
+    if getattr(chosen.made, "together", None) is None:
         raise ValueError(
             f"estimator {chosen.entry.label!r} takes motions of unlike cars one by one; known are: "
             "kkt_constrained, map, posterior"
