@@ -5,9 +5,10 @@
 DATA is a folder of CommonRoad scenarios, such as those of NGSIM. Each car counts once, at the first
 moment at which it has been seen for 2.7 s, has a leader and is seen for 3 s more. Files that share
 motion are one piece, and intervals are a bootstrap over pieces. ``game`` is what ``olne-bench
-predict`` does; in ``alone`` a car plays against a leader that drives straight on; ``idm`` lets all
-cars ahead drive by the intelligent driver model. ``idm`` and ``ridge``, a linear regression, are
-fitted to the other half of the pieces. Kinds of moments are known before the prediction: in a
+predict`` does; in ``own weights`` each car has those that ``map`` finds in what was seen of it; in
+``alone`` a car plays against a leader that drives straight on; ``idm`` lets all cars ahead drive by
+the intelligent driver model. ``idm`` and ``ridge``, a linear regression, are fitted to the other
+half of the pieces. Kinds of moments are known before the prediction: in a
 ``wave`` leader and leader's leader differ by more than 2 m/s, ``closing`` cars are 1.5 m/s faster
 than their leader, all others are ``calm``. Writes predictions.parquet (errors, no motion),
 summary.csv and people.png.
@@ -25,19 +26,26 @@ from matplotlib.figure import Figure
 from scipy.optimize import minimize
 
 from olne_bench.bench.report.figures import style
+from olne_bench.envs.scenarios.following import NOISE_SCALE
 from olne_bench.envs.tracks.grid import Grid
 from olne_bench.envs.tracks.prediction import STEP, Foreseen, predict_cars
 from olne_bench.envs.tracks.reading import grid_and_road, read_whole
 from olne_bench.envs.tracks.road import Road
+from olne_bench.estimators.map import Map
+from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.observation import FullView
 
 SEEN, AHEAD, FARTHER = 2.7, 3.0, 5.0  # [s]
 HORIZONS = (1.0, 2.0, 3.0, 5.0)  # [s]
-METHODS = ("straight", "game", "alone", "idm", "ridge")
+METHODS = ("straight", "game", "own weights", "alone", "idm", "ridge")
 #: Names of roads in those of files.
 ROADS = {"US101": "US-101", "Lanker": "Lankershim", "Peach": "Peachtree"}
 CAR_LENGTH = 4.5  # [m]
 DRAWS = 2000  # of the bootstrap
 RIDGE = 1.0
+#: Noise of what is seen [m], its logarithm's standard deviation, and the time for its weights [s].
+SIGMA, SIGMA_SPREAD, SECONDS = 0.1, 1.0, 5.0
 TUPLE = 25  # displacements that tell motions apart
 MISSING = 1e3  # [m], of a leader's leader that is not there
 
@@ -50,7 +58,8 @@ class Case:
     piece: int
     kind: str
     game: Foreseen
-    alone: np.ndarray  # (S, 2) errors along and to the left of the way
+    weighed: np.ndarray  # (S, 2) errors along and to the left of the way, with own weights
+    alone: np.ndarray  # the same, against a leader that drives straight on
     gaps: np.ndarray  # (C,) distances [m] from each car of the chain to the next
     speeds: np.ndarray  # (C,) [m/s], the car's own first
     driven: np.ndarray  # (S,) metres along the way since the moment, NaN where not recorded
@@ -124,6 +133,7 @@ def _case(grid: Grid, road: Road, name: str, where: str, piece: int) -> Case | N
     (game,) = predict_cars(grid, road, at, seconds, players=[name])
     if not game.leaders or not np.isfinite(game.recorded).all():
         return None
+    (weighed,) = predict_cars(grid, road, at, seconds, players=[name], weights=own_weights)
     (alone,) = predict_cars(grid, road, at, seconds, players=[name], most=2)
     others = predict_cars(grid, road, at, STEP, players=[name, *game.leaders])
     speeds = np.array([np.linalg.norm(o.straight[1] - o.straight[0]) / STEP for o in others])
@@ -134,11 +144,20 @@ def _case(grid: Grid, road: Road, name: str, where: str, piece: int) -> Case | N
         piece,
         _kind(speeds),
         game,
+        weighed.errors(weighed.game),
         alone.errors(alone.game),
         np.array(gaps),
         speeds,
         speeds[0] * game.times - driven,
     )
+
+
+def own_weights(game: Game, states: np.ndarray) -> np.ndarray:
+    """Weights (N, 4) by ``map`` of states (T, N, 4), with a flat prior; equal ones if it fails."""
+    problem = Problem(game, FullView(), SIGMA, noise_scale=NOISE_SCALE, sigma_spread=SIGMA_SPREAD)
+    given = problem, Observation(states)
+    found = Map().estimate(*given, rng=np.random.default_rng(0), budget=SECONDS)
+    return found.weights if found.converged else np.full((game.num_players, 4), 0.25)
 
 
 def _kind(speeds: np.ndarray) -> str:
@@ -200,6 +219,7 @@ def errors_of(
         along, left = {
             "straight": straight[at],
             "game": game[at],
+            "own weights": case.weighed[at],
             "alone": case.alone[at],
             "idm": (by_idm[at] - case.driven[at], straight[at, 1]),
             "ridge": (ridge - case.driven[at], straight[at, 1]),

@@ -1,11 +1,11 @@
 """What recorded drivers do next: each plays the game ``following`` with those ahead of it.
 
-A car's game has its leader, the leader's leader and so on. Everybody has the same weights, goes on
-in its lane and, where it has no leader, at its present speed. Beside it stands driving on along the
-lane at constant speed, which needs no game.
+A car's game has its leader, the leader's leader and so on. Everybody has the same weights, unless
+others are given, goes on in its lane and, where it has no leader, at its present speed. Beside it
+stands driving on along the lane at constant speed, which needs no game.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,6 +37,8 @@ _PRESENT = 0.5
 _SPREAD, _GROWTH = np.array([1.05, 0.29]), np.array([1.37, 0.67])
 _AHEAD = 1e3  # [m] of the way of a car that is in no lane
 _LENGTH = 1e4  # [m] of lanes, beyond what anybody drives
+#: Weights (N, 4) of the players of a game, of which states (T, N, 4) were seen, NaN where not.
+Weigh = Callable[[Game, np.ndarray], np.ndarray]
 #: Why a car has no game.
 NO_LANE, NO_LEADER, NO_ROOT = "in no lane", "no leader", "no equilibrium found"
 
@@ -92,7 +94,7 @@ def predict_cars(
     ahead: float,
     *,
     players: Sequence[str] = (),
-    weights: np.ndarray | None = None,
+    weights: np.ndarray | Weigh | None = None,
     most: int = MOST,
 ) -> list[Foreseen]:
     """Predict cars from a time on.
@@ -103,7 +105,8 @@ def predict_cars(
         at: the last sample that is seen [s].
         ahead: how far to look ahead [s].
         players: whom to predict. Default: all who are seen at that time.
-        weights: (4,) of the leader's speed, the own, acceleration and steering. Default: equal.
+        weights: (4,) of the leader's speed, the own, acceleration and steering, or a function that
+            finds those of each player. Default: equal.
         most: number of cars in a game.
 
     Raises:
@@ -124,11 +127,35 @@ def predict_cars(
         there = ", ".join([*cars][:8]) or "none"
         raise UserError(f"{who} is seen moving at {grid.times[last]:g} s; there are: {there}")
     scene, times = Scene(road, cars), STEP * np.arange(round(ahead / STEP) + 1)
-    theta = np.full(4, 0.25) if weights is None else np.asarray(weights, dtype=float)
+    past = _Past(dict(zip(grid.players, motions, strict=True)), grid.step)
+    weights = np.full(4, 0.25) if weights is None else weights
     return [
-        _foreseen(scene, name, times, theta, most, _recorded(grid, last, times, name))
+        _foreseen(scene, name, times, (past, weights), most, _recorded(grid, last, times, name))
         for name in players or cars
     ]
+
+
+@dataclass(frozen=True)
+class _Past:
+    """What has been seen of all cars, a motion for each name, at steps [s]."""
+
+    motions: dict[str, Motion]
+    step: float
+
+    def on_way(self, line: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, float]:
+        """States (T, N, 4) in coordinates of a way, about ``STEP`` apart, and their step [s]."""
+        stride = max(1, round(STEP / self.step))
+        parts = []
+        for name in names:
+            own = self.motions[name]
+            states = np.full((len(own.headings), 4), np.nan)
+            seen = own.seen & np.isfinite(own.headings) & np.isfinite(own.speeds)
+            place = locate(line, own.positions[seen])
+            off = [folded(angle) for angle in own.headings[seen] - place.heading]
+            beside = _beside(line, place, own.positions[seen])
+            states[seen] = np.column_stack([beside, off, np.abs(own.speeds[seen])])
+            parts.append(states[::-1][::stride][::-1])
+        return np.stack(parts, axis=1), stride * self.step
 
 
 def prediction_table(found: Sequence[Foreseen]) -> pd.DataFrame:
@@ -170,7 +197,12 @@ def _recorded(grid: Grid, last: int, times: np.ndarray, name: str) -> np.ndarray
 
 
 def _foreseen(
-    scene: Scene, name: str, times: np.ndarray, theta: np.ndarray, most: int, recorded: np.ndarray
+    scene: Scene,
+    name: str,
+    times: np.ndarray,
+    known: tuple[_Past, np.ndarray | Weigh],
+    most: int,
+    recorded: np.ndarray,
 ) -> Foreseen:
     car, lane = scene.cars[name], scene.lane(name)
     if lane is None:
@@ -185,7 +217,11 @@ def _foreseen(
     straight = _points(line, own.along + car.speed * times, np.full(len(times), own.left))
     game, why = straight, NO_LEADER
     if leaders:
-        played = _played(drivers, len(times), theta)
+        past, weights = known
+        if callable(weights):
+            states, step = past.on_way(line, (first, *leaders))
+            weights = weights(_game(drivers, len(states), step), states)
+        played = _played(drivers, len(times), weights)
         why = NO_ROOT if played is None else ""
         game = straight if played is None else _points(line, *played.T)
     return Foreseen(name, tuple(leaders), times, game, straight, line, recorded, why)
@@ -225,18 +261,26 @@ def _points(line: np.ndarray, along: np.ndarray, left: np.ndarray) -> np.ndarray
 def _played(drivers: Sequence[_OnWay], steps: int, theta: np.ndarray) -> np.ndarray | None:
     """Places (S, 2) of the first driver in the game of all; None without an equilibrium.
 
+    Weights are (4,), the same for all, or (N, 4).
+    """
+    start = np.array([[one.along, one.left, one.off, one.speed] for one in drivers])
+    theta = np.broadcast_to(theta, (len(drivers), 4))
+    found = solve_olne(_game(drivers, steps, STEP), theta, start)
+    return found.states[:, 0, :2] if found.certificate.passed else None
+
+
+def _game(drivers: Sequence[_OnWay], steps: int, dt: float) -> Game:
+    """The game of a car and those ahead of it.
+
     In coordinates of the way every lane is straight, and each driver keeps to its place in it.
     """
-    count = len(drivers)
     players = tuple(
         driver(
-            leader=k + 1 if k + 1 < count else -1,
+            leader=k + 1 if k + 1 < len(drivers) else -1,
             target_speed=one.speed,
             route=(StraightLane((0.0, one.left), (1.0, 0.0), _LENGTH),),
-            dt=STEP,
+            dt=dt,
         )
         for k, one in enumerate(drivers)
     )
-    start = np.array([[one.along, one.left, one.off, one.speed] for one in drivers])
-    found = solve_olne(Game(players, CAR, steps, STEP), np.tile(theta, (count, 1)), start)
-    return found.states[:, 0, :2] if found.certificate.passed else None
+    return Game(players, CAR, steps, dt)

@@ -23,16 +23,13 @@ from dataclasses import dataclass
 from functools import lru_cache
 from importlib.resources import files
 
-import casadi as ca
 import numpy as np
 
 from olne_bench.games.compiled.bindings import check_size
 from olne_bench.games.compiled.compiler import load
-from olne_bench.games.compiled.row_functions import RowFunction, row_functions
 from olne_bench.games.model.constraints import refuse_constraints
 from olne_bench.games.model.game import Game
-from olne_bench.games.model.numbers import Structure, structure_and_numbers, with_symbols
-from olne_bench.games.model.stage_costs import written_costs
+from olne_bench.games.solve.expansions import Expansions
 from olne_bench.games.solve.olne import solve_olne
 
 _SOURCE = files("olne_bench.games.solve").joinpath("feedback.c")
@@ -163,9 +160,7 @@ class _LqGame:
     """LQ games around motions of a game at certain weights."""
 
     def __init__(self, game: Game, theta: np.ndarray) -> None:
-        structure, numbers = structure_and_numbers(game)
-        self._game, self._known = game, (theta.ravel(), numbers.ravel())
-        self._functions = _functions(structure, game.horizon - 1)
+        self._game, self._expansions = game, Expansions(game, theta)
         self.count, self.size = game.num_players, game.dynamics.state_size
         self.own = game.dynamics.control_size
         states, controls = self.count * self.size, self.count * self.own
@@ -214,16 +209,14 @@ class _LqGame:
         self, x: np.ndarray, u: np.ndarray, gains: np.ndarray, less: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
         """The motion of strategies u - gains (x' - x) - less from x_1."""
-        motion = (x[0], x[:-1], u, gains, less, np.full(len(u), self._game.dt))
-        after = self._functions.roll(*(one[None] for one in motion)).reshape(len(u), -1)
-        after = np.vstack([x[0], after])
+        after = self._expansions.roll(x, u, gains, less)
         away = after[:-1] - x[:-1]
         return after, u - (gains @ away[..., None])[..., 0] - less
 
     def _answer(self, x: np.ndarray, u: np.ndarray, kept: np.ndarray, free: np.ndarray) -> _Answer:
         """(F1) to (F5); controls that are not free (Nm,) keep their gains (T-1, Nm, Nn)."""
         steps, count, own = len(u), self.count, self.own
-        parts, costs, ends = self._expanded(x, u)
+        parts, costs, ends = self._expansions.rows(x, u)
         offsets = np.full((steps, self._controls), np.inf)
         found = _Answer(
             x, u, np.empty_like(kept), offsets, np.empty((steps, count, own, own)), costs
@@ -242,17 +235,6 @@ class _LqGame:
         if not library.answer(game, _Arrays(*(array.ctypes.data for array in arrays))):
             offsets[:] = np.inf
         return found
-
-    def _expanded(
-        self, x: np.ndarray, u: np.ndarray
-    ) -> tuple[np.ndarray, np.ndarray, tuple[np.ndarray, np.ndarray]]:
-        """(F1): [A B], H, g and f'' of each step in a row, costs (N,), and Z_T, zeta_T."""
-        known = [np.tile(one, (len(u), 1)) for one in self._known]
-        parts = self._functions.steps(x[:-1], u, *known)
-        last = self._functions.final(x[-1:], *(one[:1] for one in known))[0]
-        final, Z, zeta = np.split(last, [self.count, self.count * (1 + self._states**2)])
-        costs = parts[:, : self.count].sum(axis=0) + final
-        return parts[:, self.count :], costs, (Z.copy(), zeta.copy())
 
 
 class _Steps(ctypes.Structure):
@@ -283,53 +265,3 @@ def _library() -> ctypes.CDLL:
     library.answer.argtypes = [ctypes.POINTER(_Steps), ctypes.POINTER(_Arrays)]
     library.space_of.argtypes, library.space_of.restype = [ctypes.POINTER(_Steps)], ctypes.c_long
     return library
-
-
-@dataclass(frozen=True)
-class _Functions:
-    """Compiled expressions of a game."""
-
-    steps: RowFunction  # (x, u, theta, numbers) -> costs, [A B], H, g, f''; rows are steps
-    final: RowFunction  # (x_T, theta, numbers) -> costs, H, g
-    roll: RowFunction  # (x_1, x, u, P, less, dt) of a motion -> all next states
-
-
-@lru_cache(maxsize=32)
-def _functions(structure: Structure, steps: int) -> _Functions:
-    count, dynamics = len(structure.players), structure.dynamics
-    n, m, each = dynamics.state_size, dynamics.control_size, structure.num_theta
-    x, u = ca.SX.sym("x", count * n), ca.SX.sym("u", count * m)
-    theta = ca.SX.sym("theta", count * each)
-    numbers = ca.SX.sym("numbers", count * structure.num_numbers)
-    rows, plans = ca.vertsplit(x, n), ca.vertsplit(u, m)
-    weights, own = ca.vertsplit(theta, each), ca.vertsplit(numbers, structure.num_numbers)
-    dt = numbers[0]
-    after = [dynamics.step(a, b, dt) for a, b in zip(rows, plans, strict=True)]
-    players = [with_symbols(p, known[1:]) for p, known in zip(structure.players, own, strict=True)]
-    running, final = written_costs(players, rows, plans, weights, dynamics, dt)
-    motion, both = ca.vertcat(*after), ca.vertcat(x, u)
-    bends = [
-        ca.hessian(part, ca.vertcat(a, b))[0]
-        for moved, a, b in zip(after, rows, plans, strict=True)
-        for part in ca.vertsplit(moved)
-    ]
-    squares, slopes = zip(*(ca.hessian(cost, both) for cost in running), strict=True)
-    ends, pulls = zip(*(ca.hessian(cost, x) for cost in final), strict=True)
-    parts = _column(*running, ca.jacobian(motion, both).T, *squares, *slopes, *bends)
-    gain, less = ca.SX.sym("P", count * n * count * m), ca.SX.sym("less", count * m)
-    now = ca.SX.sym("now", count * n)
-    control = u - ca.reshape(gain, count * n, count * m).T @ (now - x) - less
-    moved = ca.Function("motion", [x, u, dt], [motion])(now, control, dt)
-    roll = ca.Function("step", [now, x, u, gain, less, dt], [moved])
-    known, last = [theta, numbers], _column(*final, *ends, *pulls)
-    functions = (
-        ca.Function("parts", [x, u, *known], [parts]),
-        ca.Function("final", [x, *known], [last]),
-        roll.mapaccum("rolled", steps),
-    )
-    # Optimising the long code of second derivatives takes longer than it saves.
-    return _Functions(*row_functions(functions, "-O1"))
-
-
-def _column(*parts: ca.SX) -> ca.SX:
-    return ca.densify(ca.vertcat(*map(ca.vec, map(ca.densify, parts))))

@@ -1,14 +1,12 @@
-"""Costs of all players as functions of all plans, with first and second derivatives by CasADi."""
+"""Costs of all players as functions of all plans, with first and second derivatives."""
 
 from dataclasses import dataclass
-from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 
+from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.game import Game
-from olne_bench.games.model.numbers import Structure, structure_and_numbers, with_symbols
-from olne_bench.games.model.stage_costs import written_costs
+from olne_bench.games.solve.expansions import Expansion, Expansions
 
 
 @dataclass(frozen=True)
@@ -30,45 +28,64 @@ class PlanCosts:
     """The costs of a game from a start (N, n), at weights (N, K)."""
 
     def __init__(self, game: Game, weights: np.ndarray, start: np.ndarray) -> None:
-        structure, numbers = structure_and_numbers(game)
-        self._function = _costs(structure, game.horizon - 1)
-        self._known = start.ravel(), np.ravel(weights), numbers.ravel()
+        self._game, self._start = game, start
+        self._expansions = Expansions(game, np.asarray(weights, dtype=float))
 
     def at(self, controls: np.ndarray) -> CostsAt:
         """The costs of plans (T-1, N, m)."""
-        plans = controls.transpose(1, 0, 2).ravel()
-        costs, slopes, curvatures = (np.array(v) for v in self._function(plans, *self._known))
-        return CostsAt(costs.ravel(), slopes, curvatures)
+        game = self._game
+        steps, count, m = controls.shape
+        states = rollout(game.dynamics, self._start, controls, game.dt)
+        found = self._expansions.at(
+            states.reshape(len(states), -1), np.ascontiguousarray(controls).reshape(steps, -1)
+        )
+        costates = _costates(found)
+        with_motion = _bent(found, costates, game.dynamics.state_size)
+        moved = _moved(found, count, m)  # (T, Nn + Nm, N*P)
+        slopes = np.einsum("tip,tpq->iq", found.slopes, moved[:-1])
+        states_moved = moved[-1, : found.motion.shape[1]]
+        slopes += found.final_slopes @ states_moved
+        rows = []
+        for i, own in enumerate(np.split(np.arange(count * steps * m), count)):
+            bent = with_motion[:, i] @ moved[:-1]
+            mine = moved[:-1][..., own].reshape(-1, len(own)).T @ bent.reshape(-1, moved.shape[2])
+            last = states_moved[:, own].T @ found.final_squares[i] @ states_moved
+            rows.append(mine + last)
+        return CostsAt(found.costs, slopes, np.vstack(rows))
 
 
-@lru_cache(maxsize=16)
-def _costs(structure: Structure, steps: int) -> ca.Function:
-    count, dynamics, each = len(structure.players), structure.dynamics, structure.num_theta
-    n, m, own = dynamics.state_size, dynamics.control_size, structure.num_numbers
-    x, u = ca.SX.sym("x", count * n), ca.SX.sym("u", count * m)
-    theta, numbers = ca.SX.sym("theta", count * each), ca.SX.sym("numbers", count * own)
-    rows, moves, dt = ca.vertsplit(x, n), ca.vertsplit(u, m), numbers[0]
-    known = zip(structure.players, ca.vertsplit(numbers, own), strict=True)
-    players = [with_symbols(player, values[1:]) for player, values in known]
-    running, final = written_costs(players, rows, moves, ca.vertsplit(theta, each), dynamics, dt)
-    after = [dynamics.step(a, b, dt) for a, b in zip(rows, moves, strict=True)]
-    step = ca.Function("step", [x, u, numbers], [ca.vertcat(*after)])
-    paid = ca.Function("paid", [x, u, theta, numbers], [ca.vertcat(*running)])
-    last = ca.Function("last", [x, theta, numbers], [ca.vertcat(*final)])
+def _costates(found: Expansion) -> np.ndarray:
+    """(T-1, N, Nn) derivatives of each player's cost to go in the states after each step."""
+    states = found.motion.shape[1]
+    costates = np.empty((*found.slopes.shape[:2], states))
+    costates[-1] = found.final_slopes
+    for t in range(len(costates) - 1, 0, -1):
+        later = found.slopes[t] + costates[t] @ found.motion[t]
+        costates[t - 1] = later[:, :states]
+    return costates
 
-    plans = ca.MX.sym("plans", count * steps * m)
-    start, weights, given = (ca.MX.sym("known", one.numel()) for one in (x, theta, numbers))
-    by_player = [ca.reshape(one, m, steps) for one in ca.vertsplit(plans, steps * m)]
-    controls = ca.vertcat(*by_player)
-    states = step.mapaccum(steps)(start, controls, ca.repmat(given, 1, steps))
-    before = ca.horzcat(start, states[:, :-1])
-    each_step = paid.map(steps)(
-        before, controls, ca.repmat(weights, 1, steps), ca.repmat(given, 1, steps)
+
+def _bent(found: Expansion, costates: np.ndarray, n: int) -> np.ndarray:
+    """(T-1, N, Nn + Nm, Nn + Nm): H and what the bends of the motion add to it."""
+    count, own = found.bends.shape[1], found.bends.shape[3]
+    states, m = count * n, own - n
+    inner = np.arange(count)[:, None]
+    places = np.hstack([inner * n + np.arange(n), states + inner * m + np.arange(m)])
+    weighed = costates.reshape(*costates.shape[:2], count, n)
+    bent = found.squares.copy()
+    bent[:, :, places[:, :, None], places[:, None, :]] += np.einsum(
+        "tijk,tjkab->tijab", weighed, found.bends
     )
-    costs = ca.sum2(each_step) + last(states[:, -1], weights, given)
-    slopes = ca.jacobian(costs, plans)
-    size = steps * m
-    mine = [slopes[i, i * size : (i + 1) * size].T for i in range(count)]
-    curvatures = ca.jacobian(ca.vertcat(*mine), plans)
-    results = [costs, ca.densify(slopes), ca.densify(curvatures)]
-    return ca.Function("costs", [plans, start, weights, given], results)
+    return bent
+
+
+def _moved(found: Expansion, count: int, m: int) -> np.ndarray:
+    """(T, Nn + Nm, N*P): changes of states and controls with all plans; no controls at the end."""
+    steps, states, both = found.motion.shape
+    moved = np.zeros((steps + 1, both, count * steps * m))
+    for t in range(steps):
+        for i in range(count):
+            for k in range(m):
+                moved[t, states + i * m + k, (i * steps + t) * m + k] = 1.0
+        moved[t + 1, :states] = found.motion[t] @ moved[t]
+    return moved
