@@ -246,6 +246,7 @@ def summary(rows: pd.DataFrame) -> Iterator[dict[str, object]]:
             row |= {"along": own["along"].abs().mean(), "left": own["left"].abs().mean()}
             row |= _ratio("straight", wide["straight"], own)
             row |= _ratio("alone", wide["alone"], own) if method == "game" else {}
+            row |= _ratio("game", wide["game"], own) if method == "own weights" else {}
             if method == "game":
                 row |= {c: own[c].astype(float).mean() for c in ("holds_along", "holds_left")}
             yield row
@@ -253,7 +254,8 @@ def summary(rows: pd.DataFrame) -> Iterator[dict[str, object]]:
 
 def picture(table: pd.DataFrame) -> Figure:
     """Errors over those of driving straight on, over the time ahead, on the large roads."""
-    roads = [road for road in ("US-101", "Lankershim") if road in set(table["road"])]
+    known = {*table["road"]}
+    roads = [road for road in ("US-101", "Lankershim") if road in known] or sorted(known)[:2]
     figure = Figure(figsize=(4 * len(roads), 3.4), layout="constrained")
     panels = figure.subplots(1, len(roads), sharey=True, squeeze=False)[0]
     for axes, road in zip(panels, roads, strict=True):

@@ -105,8 +105,8 @@ def predict_cars(
         at: the last sample that is seen [s].
         ahead: how far to look ahead [s].
         players: whom to predict. Default: all who are seen at that time.
-        weights: (4,) of the leader's speed, the own, acceleration and steering, or a function that
-            finds those of each player. Default: equal.
+        weights: (4,) of the leader's speed, the own, acceleration and steering, (N, 4) of a car and
+            those ahead of it, or a function that finds these. Default: equal.
         most: number of cars in a game.
 
     Raises:

@@ -7,6 +7,7 @@ from olne_bench.envs.tracks.grid import Grid
 from olne_bench.envs.tracks.prediction import NO_LANE, NO_LEADER, predict_cars, prediction_table
 from olne_bench.envs.tracks.road import Road, RoadLane
 from olne_bench.errors import UserError
+from olne_bench.games.model.game import Game
 from olne_bench.games.model.lanes import ArcLane, StraightLane
 
 ROAD = Road({"lane": RoadLane((StraightLane((-100.0, 0.0), (1.0, 0.0), 1000.0),))})
@@ -43,6 +44,30 @@ def test_a_faster_car_slows_down_for_its_leader_and_more_with_its_weight() -> No
         assert one.straight[-1, 0] == pytest.approx(20 + 14 * 5)
     assert reached[1] < reached[0] < 20 + 14 * 5
     assert reached[1] > 20 + 14 * 2 + 10 * 3  # not slower than its leader
+
+
+def test_weights_may_be_found_in_what_was_seen() -> None:
+    grid = straight_on(0.0, 0.5)
+    grid.states[:, 1, 0] = 20 + 14 * grid.times
+    grid.states[:, 1, 3] = 14
+    grid.states[:3, 0] = np.nan  # the leader is seen later
+    weights = np.array([[0.2, 0.3, 0.4, 0.1], [0.4, 0.3, 0.2, 0.1]])
+    asked = []
+
+    def found(game: Game, states: np.ndarray) -> np.ndarray:
+        asked.append((game.horizon, game.dt, states))
+        return weights
+
+    _, one = predict_cars(grid, ROAD, AT, AHEAD, weights=found)
+    ((horizon, dt, states),) = asked
+    assert (horizon, dt, states.shape) == (11, pytest.approx(0.2), (11, 2, 4))
+    assert np.isnan(states[:3, 1]).all() and np.isfinite(states[3:, 1]).all()
+    along = 120 + 14 * grid.times[:11]
+    assert states[:, 0] == pytest.approx(
+        np.column_stack([along, 0 * along + 0.5, 0 * along, 0 * along + 14])
+    )
+    (same,) = predict_cars(grid, ROAD, AT, AHEAD, players=["car 1"], weights=weights)
+    assert one.game == pytest.approx(same.game)
 
 
 def test_a_chain_passes_on_what_its_first_car_does() -> None:
