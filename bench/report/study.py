@@ -136,7 +136,7 @@ def study_of(suites: Iterable[Suite]) -> Study:
 
 def _declaration(entry: Any) -> MetricDeclaration:
     """The declaration of a suite's metric; missing fields are those of the built-in metric."""
-    usual = next((one.stored() for one in BUILT_IN if one.name == entry.column), {})
+    usual = next((one.stored() for one in BUILT_IN if one.name == entry.name), {})
     told = {key: value for key, value in entry.declaration.items() if value is not None}
     return declaration_from(usual | told | {"name": entry.column})
 

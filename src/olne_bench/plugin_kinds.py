@@ -39,7 +39,7 @@ SCENARIO = Kind("scenario", "olne_bench.envs.scenarios", "draw")
 SENSOR = Kind("sensor", "olne_bench.envs.sensors", "layers")
 _OF_METRICS = (
     *("label", "unit", "worst", "needs_prediction", "gated", "compared"),
-    *("summary", "negligible", "description"),
+    *("summary", "negligible", "description", "radius"),
 )
 METRIC = Kind("metric", "olne_bench.bench.judge.metrics", "score", declares=_OF_METRICS)
 KINDS = (ESTIMATOR, SCENARIO, SENSOR, METRIC)

@@ -117,15 +117,19 @@ def test_two_runs_are_compared_by_it(trials):
 
 def test_the_suite_of_a_run_says_what_its_metrics_are():
     """Built-in metrics keep their order, and missing fields are those of the built-in ones."""
-    entries = [
-        SimpleNamespace(column="jerk_error", declaration={"label": "jerk", "worst": None}),
-        SimpleNamespace(column="covers_truth", declaration={"label": "covered", "unit": ""}),
-        SimpleNamespace(column="position_error", declaration={"compared": True}),
-    ]
+    told = (
+        ("jerk_error", "mine.py:Jerk", {"label": "jerk", "worst": None}),
+        ("covers_truth", "covers_truth", {"label": "covered", "unit": ""}),
+        ("farthest_1s", "farthest_ahead", {"label": "far"}),
+        ("position_error", "position_error", {"compared": True}),
+    )
+    entries = [SimpleNamespace(column=c, name=name, declaration=d) for c, name, d in told]
     listed = dict.fromkeys(("scenarios", "sensors", "estimators", "figures"), ())
     suite = SimpleNamespace(kind="trials", metrics=entries, salt="s", **listed)
     found = study_of([suite]).metrics
-    assert [one.name for one in found] == ["position_error", "covers_truth", "jerk_error"]
+    names = ["position_error", "covers_truth", "jerk_error", "farthest_1s"]
+    assert [one.name for one in found] == names
+    assert found[3].radius and found[3].label == "far"
     assert found[0].unit == "m" and found[0].needs_prediction
     assert found[1].is_share
     assert found[2] == MetricDeclaration("jerk_error", label="jerk")
