@@ -22,7 +22,7 @@ def parts(make_trials) -> Parts:
 
 @pytest.fixture
 def begun():
-    nursery.begin(["olne_bench.bench.report.figures"])
+    nursery.begin([])
 
 
 def drawn(parts: Parts, folder: Path) -> tuple[dict, list[str], dict[str, bytes]]:
