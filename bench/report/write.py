@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.report.escapes import write_csv
-from olne_bench.bench.report.figures import draw_tables, merged, online, style
+from olne_bench.bench.report.figures import draw_figures, online, style
 from olne_bench.bench.report.figures.beside import DrawnBeside
 from olne_bench.bench.report.leaderboard_text import format_summary, latex, markdown
 from olne_bench.bench.report.page.online import online_page
@@ -64,8 +64,8 @@ def write_report(
         _write_tables(tables.by_name(), folder)
         write_text(folder / "leaderboard.md", markdown(tables.leaderboard, study))
         write_text(folder / "leaderboard.tex", latex(tables.leaderboard, study))
-        of_tables = draw_tables(trials, tables, folder / "figures", formats, study)
-        pictures, lost = merged(beside.drawn(), of_tables)
+        given = trials, tables, folder / "figures", formats, study
+        pictures, lost = draw_figures(*given, beside.drawn)
     notes = [*tables.notes, *lost]
     page = render_page(trials, tables, runs, study, notes, playable=playable, pictures=pictures)
     write_text(folder / "index.html", page.html)

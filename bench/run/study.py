@@ -117,7 +117,8 @@ def load_study(wanted: Wanted, machine: Machine) -> Suite:
 def _described(hidden: Path, questions: list[Question]) -> list[Description]:
     """Describe plugins, while built-in ones are imported where they will run."""
     built_in = [(kind, name) for kind, name, _ in questions if kind and is_built_in(kind, name)]
-    simulators = [_SIMULATOR] if any(name in ROAD_NAMES for _, name in built_in) else []
+    named = (one for _, name, given in questions for one in (name, *given.values()))
+    simulators = [_SIMULATOR] if any(one in ROAD_NAMES for one in named) else []
     nursery.meanwhile([*(source(kind, name)[0] for kind, name in built_in), *simulators])
     return describe_all(questions, hidden)
 

@@ -3,6 +3,8 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+import numpy as np
+
 from olne_bench.bench.judge.metrics import formulas
 from olne_bench.bench.judge.metrics.judged import Judged
 
@@ -29,4 +31,8 @@ class AheadError:
         if found is None:
             return None
         truth, predicted = found
-        return formulas.position_error(truth[-1:], predicted[-1:])
+        return self.apart(truth[-1], predicted[-1])
+
+    def apart(self, truth: np.ndarray, predicted: np.ndarray) -> float:
+        """How far apart [m] states (N, n) of all players are."""
+        return formulas.position_error(truth, predicted)

@@ -5,33 +5,21 @@ from typing import ClassVar
 
 import numpy as np
 
-from olne_bench.bench.judge.metrics.judged import Judged
+from olne_bench.bench.judge.metrics.ahead_error import AheadError
 
 
 @dataclass(frozen=True)
-class FarthestAhead:
+class FarthestAhead(AheadError):  # noqa: N818  it is no exception
     """Distance of the car that is farthest from its predicted position some seconds ahead.
 
-    Discs of this radius around predicted positions hold all cars (``report.statistics.conformal``).
-    The prediction is that of ``ahead_error``.
-
-    Attributes:
-        seconds: time ahead [s].
+    Discs of this radius around predicted positions hold all cars (``statistics.conformal``).
+    The prediction, and its time, are those of ``ahead_error``.
     """
 
     name: ClassVar[str] = "farthest_ahead"
     label: ClassVar[str] = "farthest car ahead"
-    unit: ClassVar[str] = "m"
-    needs_prediction: ClassVar[bool] = True
-    drawn: ClassVar[bool] = False
     radius: ClassVar[bool] = True
-    negligible: ClassVar[float] = 1e-5
-    seconds: float = 2.0
 
-    def score(self, case: Judged) -> float | None:
-        """Largest distance [m] over players at that time; None where no game is found there."""
-        found = case.ahead(self.seconds)
-        if found is None:
-            return None
-        away = found[0][-1, :, :2] - found[1][-1, :, :2]
-        return float(np.linalg.norm(away, axis=1).max())
+    def apart(self, truth: np.ndarray, predicted: np.ndarray) -> float:
+        """The largest distance [m] between states (N, n) of a player."""
+        return float(np.linalg.norm((truth - predicted)[:, :2], axis=1).max())

@@ -61,14 +61,17 @@ def draw_figures(
     folder: Path,
     formats: Sequence[str] = USUAL_FORMATS,
     study: Study = USUAL,
+    of_rows: Callable[[], Drawn] | None = None,
 ) -> Drawn:
     """Draw ``scores``, ``damage``, and others of each scenario, if there are formats.
 
-    Files are named ``<kind>_<scenario>.png`` and so on. The same trials give the same bytes.
+    Files are named ``<kind>_<scenario>.png`` and so on. The same trials give the same bytes. What
+    ``draw_rows`` draws may come from elsewhere.
     """
     parts = parts_of(trials)
-    of_rows = draw_rows(parts, folder, formats, study)
-    return merged(of_rows, draw_tables(parts, tables, folder, formats, study))
+    of_tables = _draw_tables(parts, tables, folder, formats, study)
+    rows = draw_rows(parts, folder, formats, study) if of_rows is None else of_rows()
+    return _merged(rows, of_tables)
 
 
 def draw_rows(parts: Parts, folder: Path, formats: Sequence[str], study: Study) -> Drawn:
@@ -88,7 +91,7 @@ def draw_rows(parts: Parts, folder: Path, formats: Sequence[str], study: Study) 
     return studio.pictures, studio.notes
 
 
-def draw_tables(
+def _draw_tables(
     parts: Parts, tables: RunTables, folder: Path, formats: Sequence[str], study: Study
 ) -> Drawn:
     """Draw the figures of what tables say."""
@@ -110,7 +113,7 @@ def draw_tables(
     return studio.pictures, studio.notes
 
 
-def merged(one: Drawn, other: Drawn) -> Drawn:
+def _merged(one: Drawn, other: Drawn) -> Drawn:
     """What was drawn of rows and of tables, by scenario and in the order of kinds."""
     names = dict.fromkeys([*other[0], *one[0]])
     both = {name: one[0].get(name, {}) | other[0].get(name, {}) for name in names}
