@@ -19,6 +19,7 @@ import olne_bench
 from olne_bench import plugins
 from olne_bench.envs.solved import DRAWS_SUFFIX, KEPT_DRAWS, shipped_draws
 from olne_bench.games.compiled.compiler import shared_folders
+from olne_bench.games.compiled.derived import KEPT_DERIVED
 
 #: What programs of a Linux system need: libraries, headers, fonts, time zones, names of users.
 _SYSTEM = (
@@ -87,6 +88,7 @@ def _libraries(path: tuple[str, ...]) -> tuple[Path, ...]:
         *_package(),
         *_programs(),
         *shared_folders(),
+        *filter(None, (KEPT_DERIVED.folder, *KEPT_DERIVED.shared_folders)),
     ]
     resolved = dict.fromkeys(place.resolve() for place in places)
     return tuple(place for place in resolved if place.exists() and place not in _SHARED)

@@ -31,7 +31,14 @@ from functools import lru_cache
 from pathlib import Path
 
 from olne_bench.errors import UserError
-from olne_bench.kept_files import kept_folder, remove_oldest, warn, why_foreign
+from olne_bench.kept_files import (
+    SHARED,
+    folders_of_others,
+    kept_folder,
+    remove_oldest,
+    warn,
+    why_foreign,
+)
 
 #: Largest total size of the libraries [bytes].
 SIZE_LIMIT = 500_000_000
@@ -56,8 +63,6 @@ __attribute__((visibility("default"))) int has_wide_vectors(void)
 _LONGEST_COMPILATION = 300.0  # [s]
 _SCRATCH = "compiling-"
 _ABANDONED = 3600.0  # [s] after which a compilation's scratch folder counts as abandoned
-#: Environment variable with folders of libraries that a process may read but not write.
-_SHARED = "OLNE_BENCH_SHARED_CACHE"
 
 
 def backend() -> str:
@@ -187,23 +192,19 @@ def _name(key: str, library: Path) -> str:
 
 def shared_folders() -> list[Path]:
     """Folders of libraries that this process's children may load: its own, and those it shares."""
-    return [_folder(), *_shared_with_me()]
+    return [_folder(), *folders_of_others()]
 
 
 def reader_environment(own: Path) -> dict[str, str]:
     """Environment for a process that may load our libraries and keeps new ones in ``own``."""
     shared = os.pathsep.join(map(str, shared_folders()))
-    return {_SHARED: shared, "OLNE_BENCH_CACHE": str(own)}
-
-
-def _shared_with_me() -> list[Path]:
-    return [Path(one) for one in os.environ.get(_SHARED, "").split(os.pathsep) if one]
+    return {SHARED: shared, "OLNE_BENCH_CACHE": str(own)}
 
 
 def _shared(key: str) -> Path | None:
     """A library from a shared folder, which is read-only; files that do not fit are ignored."""
     name = f"{key[:32]}-*.so"
-    for path in (one for folder in _shared_with_me() for one in sorted(folder.glob(name))):
+    for path in (one for folder in folders_of_others() for one in sorted(folder.glob(name))):
         with suppress(OSError):
             if not why_foreign(path) and path.name == _name(key, path):
                 return path

@@ -14,6 +14,7 @@ import numpy as np
 
 from olne_bench.games.compiled.complementarity import COMPLEMENTARITY_FUNCTIONS
 from olne_bench.games.compiled.constraint_functions import CONSTRAINT_FUNCTIONS
+from olne_bench.games.compiled.derived import derived
 from olne_bench.games.compiled.stage_functions import StageFunctions
 from olne_bench.games.compiled.stage_patterns import Pattern
 from olne_bench.games.compiled.terms import FUNCTIONS
@@ -29,17 +30,19 @@ _LIMITS = {"inf": "INFINITY", "nan": "NAN"}
 @lru_cache(maxsize=64)
 def source_of(stages: StageFunctions) -> str:
     """The C source of a structure of games."""
+    functions = derived("functions", stages.origin, lambda: _functions(stages))
     names = [*_ONE, "interior.c"] if stages.constraints else _ONE
-    parts = [text_of("one.c"), _functions(stages), *map(text_of, names)]
+    parts = [text_of("one.c"), functions, *map(text_of, names)]
     return _defines(_sizes(stages)) + "".join(parts).replace("DEFINITIONS", _definitions(stages))
 
 
 @lru_cache(maxsize=64)
 def source_of_four(stages: StageFunctions) -> str:
     """The C source of Newton's method and sensitivities for four games, without constraints."""
+    functions = derived("functions of four", stages.origin, lambda: _functions_of_four(stages))
     sizes = _sizes(stages) | {"CURVATURE": 0, "SAMPLES": 0, "LOSS_HESSIAN": 0}
     without = "#define add_equations(...)\n#define add_condensed(...)\n#define definite(M) 1\n"
-    parts = [text_of("four.c"), _functions_of_four(stages), without, *map(text_of, _FOUR)]
+    parts = [text_of("four.c"), functions, without, *map(text_of, _FOUR)]
     lines = [*_stage_patterns(stages), *_terms(stages, FUNCTIONS[:4])]
     return _defines(sizes) + "".join(parts).replace("DEFINITIONS", "\n".join(lines))
 

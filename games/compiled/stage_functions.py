@@ -41,6 +41,7 @@ from olne_bench.games.compiled.constraint_functions import (
     constraint_functions,
     kind_of,
 )
+from olne_bench.games.compiled.derived import derived
 from olne_bench.games.compiled.stage_patterns import Entries, Pattern, half, merged, nonzeros
 from olne_bench.games.compiled.terms import FUNCTIONS, Term, TermFunctions, term_functions, terms_of
 from olne_bench.games.model.constraints import Constraint
@@ -89,6 +90,7 @@ class TermPlace:
 class StageFunctions:
     """Everything about games of one structure, and one observation model, for an elimination."""
 
+    origin: tuple[Structure, View, bool]  # what they are derived from; condensed constraints?
     num_players: int  # N
     num_states: int  # N*n
     num_controls: int  # N*m, plus C where multipliers of constraints are unknowns of a stage
@@ -147,6 +149,11 @@ def stage_functions(game: Game, view: View, *, condensed: bool = False) -> Stage
 
 @lru_cache(maxsize=64)
 def _stage_functions(structure: Structure, view: View, condensed: bool) -> StageFunctions:
+    origin = structure, view, condensed
+    return derived("stages", origin, lambda: _derive(*origin))
+
+
+def _derive(structure: Structure, view: View, condensed: bool) -> StageFunctions:
     dynamics, constraints = structure.dynamics, structure.constraints
     terms = terms_of(structure)
     term_kinds = list(dict.fromkeys(term.kind for term in terms))
@@ -163,6 +170,7 @@ def _stage_functions(structure: Structure, view: View, condensed: bool) -> Stage
     patterns, indices = _merged_parts(parts + layout.loss_entries(loss))
     of_constraints = list(zip(placed, indices[len(terms) :], strict=False))
     return StageFunctions(
+        origin=(structure, view, condensed),
         num_players=layout.players,
         num_states=layout.players * layout.n,
         num_controls=layout.players * layout.m + layout.multipliers,

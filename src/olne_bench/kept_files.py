@@ -19,6 +19,8 @@ from functools import lru_cache
 from pathlib import Path
 
 _WRITABLE_BY_OTHERS = stat.S_IWGRP | stat.S_IWOTH
+#: Environment variable with folders of libraries that a process may read but not write.
+SHARED = "OLNE_BENCH_SHARED_CACHE"
 _DIGEST = 32  # bytes of SHA-256
 
 
@@ -53,6 +55,11 @@ def kept_folder() -> Path | None:
             return folder
         _refuse(folder, wrong)
     return None
+
+
+def folders_of_others() -> list[Path]:
+    """Folders of libraries that this process may read but not write."""
+    return [Path(one) for one in os.environ.get(SHARED, "").split(os.pathsep) if one]
 
 
 def _folders() -> Iterator[Path]:
@@ -105,18 +112,26 @@ class KeptFiles:
     def folder(self) -> Path | None:
         """The folder, whether or not it exists; None if nothing can be kept."""
         libraries = kept_folder()
-        return libraries and libraries.with_name(f"{libraries.name}{self.suffix}")
+        return libraries and self._beside(libraries)
 
     def read(self, name: str) -> bytes | None:
         """The content of a file; None if it is missing or cannot be trusted."""
-        folder = self.folder
-        with suppress(OSError):
-            if folder and not (why_foreign(folder / name) or why_foreign(folder)):
-                data = (folder / name).read_bytes()
-                with suppress(OSError):
-                    os.utime(folder / name)  # for the order in which files are removed
-                return unsealed(data)
+        for folder in filter(None, (self.folder, *self.shared_folders)):
+            with suppress(OSError):
+                if not (why_foreign(folder / name) or why_foreign(folder)):
+                    data = (folder / name).read_bytes()
+                    with suppress(OSError):
+                        os.utime(folder / name)  # for the order in which files are removed
+                    return unsealed(data)
         return None
+
+    @property
+    def shared_folders(self) -> list[Path]:
+        """Folders of others, from which this process may only read."""
+        return [self._beside(folder) for folder in folders_of_others()]
+
+    def _beside(self, folder: Path) -> Path:
+        return folder.with_name(f"{folder.name}{self.suffix}")
 
     def write(self, name: str, content: bytes) -> None:
         """Keep a content; if the file cannot be written, it is not kept."""
