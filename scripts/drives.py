@@ -21,7 +21,9 @@ from olne_bench.bench.run.player import prepare, told, update
 from olne_bench.envs.drive.cars import MOTION, ROADS, STEP, drive_game
 from olne_bench.envs.drive.nash_traffic import REPLAN
 from olne_bench.envs.drive.planner import EgoPlan, GamePlanner, Mind
-from olne_bench.envs.drive.world import DriveWorld, NoDriveError, seen
+from olne_bench.envs.drive.setting import DriveSetting
+from olne_bench.envs.drive.starts import NoDriveError
+from olne_bench.envs.drive.world import DriveWorld, seen
 from olne_bench.estimators.protocol import Problem
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.solve.newton import newton_root
@@ -112,7 +114,7 @@ def latency(drives: int = 10, road: Annotated[str, ROADS] = "highway", method: s
 def times_of(road: str, seed: int, method: str) -> tuple[np.ndarray, np.ndarray]:
     """Times (C, 2, 2) of estimate and plan [s], and whether cycles (C,) were warm."""
     try:
-        world = DriveWorld(road, seed)
+        world = DriveWorld(DriveSetting(road), seed)
     except NoDriveError:
         return np.zeros((0, 2, 2)), np.zeros(0, dtype=bool)
     times, warm = [], []
@@ -153,7 +155,7 @@ def predictions(
 def errors_of(road: str, seed: int, known: str) -> list[float]:
     """Mean error [m] of each kind of prediction in one drive; empty if there is none."""
     try:
-        world = DriveWorld(road, seed)
+        world = DriveWorld(DriveSetting(road), seed)
     except NoDriveError:
         return []
     motion, predicted = [], []

@@ -15,7 +15,7 @@ from olne_bench.bench.run.describe_plugins import describe_all
 from olne_bench.bench.run.player_process import PlayerProcess
 from olne_bench.envs.drive.cars import STEP
 from olne_bench.envs.drive.pictures import picture
-from olne_bench.envs.drive.world import NoDriveError
+from olne_bench.envs.drive.starts import NoDriveError
 from olne_bench.envs.worlds.video import SUFFIXES, check_format, write_video
 from olne_bench.errors import UserError
 from olne_bench.files import check_new_file

@@ -15,6 +15,10 @@ from olne_bench.envs.drive.planner import Mind
 from olne_bench.envs.roads.road_scenario import NOISE_SCALE, unknown_speed, with_target
 from olne_bench.estimators.protocol import Estimate, Problem
 from olne_bench.games.model.observation import VIEWS
+from olne_bench.games.model.weight_prior import FLAT, WeightPrior
+
+#: Samples of what an ego is not sure of.
+SAMPLES = 8
 
 
 @dataclass(frozen=True)
@@ -32,6 +36,9 @@ class _Known:
 
     weights: np.ndarray  # (4,) of its preferences
     speed: float  # target speed [m/s]
+    samples: (
+        np.ndarray | None
+    )  # (S, 5) of both, weights first; None if it does not say how sure it is
     worth: int  # number of samples that it was made from, and of those before
 
 
@@ -44,6 +51,10 @@ class Beliefs(ABC):
     @abstractmethod
     def minds(self, cars: Sequence[Car]) -> list[Mind]:
         """The ego as it is, and the others as it takes them to be."""
+
+    def samples(self, cars: Sequence[Car]) -> list[list[Mind]]:
+        """Samples of ``minds`` where the ego is not sure; a sample differs little from before."""
+        return [self.minds(cars)]
 
 
 class TrueBeliefs(Beliefs):
@@ -60,12 +71,36 @@ class UniformBeliefs(Beliefs):
         self._speed = middle_speed(road)
 
     def minds(self, cars: Sequence[Car]) -> list[Mind]:
-        ego, *others = cars
-        weights = np.full_like(ego.weights, 1 / len(ego.weights))
+        told = np.append(np.full_like(cars[0].weights, 1 / len(cars[0].weights)), self._speed)
+        return [_ego(cars), *(_mind(car, told) for car in cars[1:])]
+
+
+class PopulationBeliefs(Beliefs):
+    """What drivers are like before anything is seen of one: the prior, and the road's speeds."""
+
+    def __init__(self, road: DriveRoad, prior: WeightPrior) -> None:
+        self._road, self._prior = road, prior
+        self._drawn: dict[int, np.ndarray] = {}
+
+    def minds(self, cars: Sequence[Car]) -> list[Mind]:
+        mean, speed = self._prior.mean(len(cars[0].weights)), middle_speed(self._road)
+        return [_ego(cars), *(_mind(car, np.append(mean, speed)) for car in cars[1:])]
+
+    def samples(self, cars: Sequence[Car]) -> list[list[Mind]]:
+        own = [self.of(car) for car in cars[1:]]
         return [
-            Mind(ego.number, ego.player, ego.weights),
-            *(Mind(car.number, with_target(car.player, self._speed), weights) for car in others),
+            [_ego(cars), *(_mind(car, one[k]) for car, one in zip(cars[1:], own, strict=True))]
+            for k in range(SAMPLES)
         ]
+
+    def of(self, car: Car) -> np.ndarray:
+        """(S, 5) samples of the weights and the target speed of a car, always the same ones."""
+        if car.number not in self._drawn:
+            rng = np.random.default_rng([car.number, 0x5A])
+            weights = self._prior.sample(rng, SAMPLES, len(car.weights))
+            speeds = rng.uniform(*self._road.family.speeds, SAMPLES)
+            self._drawn[car.number] = np.column_stack([weights, speeds])
+        return self._drawn[car.number]
 
 
 class EstimatedBeliefs(Beliefs):
@@ -85,9 +120,11 @@ class EstimatedBeliefs(Beliefs):
         task_of: Callable[[Problem], PlayerTask],
         road: DriveRoad,
         rules: EstimateRules,
+        prior: WeightPrior = FLAT,
     ) -> None:
         self._player, self._task_of, self._road, self._rules = player, task_of, road, rules
-        self._prior = UniformBeliefs(road)
+        self._before, self._population = UniformBeliefs(road), PopulationBeliefs(road, prior)
+        self._prior = prior
         self._known: dict[int, _Known] = {}
         self._coming: dict[int, _Known] = {}
         self._seen: list[dict[int, np.ndarray]] = []
@@ -123,13 +160,21 @@ class EstimatedBeliefs(Beliefs):
             self._learn(found)
 
     def minds(self, cars: Sequence[Car]) -> list[Mind]:
-        minds = self._prior.minds(cars)
+        minds = self._before.minds(cars)
         for index, car in enumerate(cars[1:], start=1):
             if car.number in self._known:
                 known = self._known[car.number]
-                player = with_target(car.player, known.speed)
-                minds[index] = Mind(car.number, player, known.weights)
+                minds[index] = _mind(car, np.append(known.weights, known.speed))
         return minds
+
+    def samples(self, cars: Sequence[Car]) -> list[list[Mind]]:
+        samples = self._population.samples(cars)
+        for index, car in enumerate(cars[1:], start=1):
+            known = self._known.get(car.number)
+            if known is not None and known.samples is not None:
+                for one, sample in zip(samples, known.samples, strict=True):
+                    one[index] = _mind(car, sample)
+        return samples
 
     def _learn(self, found: dict[int, _Known]) -> None:
         """Take what estimates say of cars, unless what is known is worth more."""
@@ -142,9 +187,11 @@ class EstimatedBeliefs(Beliefs):
         assert estimate.parameters is not None
         worth = self.updates + min(self._count, self._rules.window)
         return [
-            _Known(weights, float(values[0]), worth)
-            for weights, values in zip(estimate.weights[1:], estimate.parameters[1:], strict=True)
-        ]
+            _Known(weights, float(values[0]), _samples_of(estimate, player), worth)
+            for player, (weights, values) in enumerate(
+                zip(estimate.weights, estimate.parameters, strict=True)
+            )
+        ][1:]
 
     def _estimate(
         self, cars: Sequence[Car], numbers: tuple[int, ...]
@@ -178,11 +225,45 @@ class EstimatedBeliefs(Beliefs):
             self._rules.sigma,
             noise_scale=NOISE_SCALE,
             goes_on=True,
+            prior=self._prior,
         )
         self._numbers, self._count = numbers, 0
         declined = self._player.start(self._task_of(self._problem))
         if declined is not None:
             raise PlayerFault("skipped", declined)
+
+
+def _ego(cars: Sequence[Car]) -> Mind:
+    return Mind(cars[0].number, cars[0].player, cars[0].weights)
+
+
+def _mind(car: Car, told: np.ndarray) -> Mind:
+    """A car that is told (5,) to have these weights and this target speed."""
+    return Mind(car.number, with_target(car.player, float(told[-1])), told[:-1])
+
+
+def _samples_of(estimate: Estimate, player: int) -> np.ndarray | None:
+    """(S, 5) samples of the weights and the target speed of a player.
+
+    They are the estimate's own, or normal with its covariance and deviations, whose random numbers
+    are the same each time, so that a sample follows the estimate.
+    """
+    count = estimate.weights.shape[1]
+    if estimate.samples is not None and estimate.parameter_samples is not None:
+        chosen = np.linspace(0, len(estimate.samples) - 1, SAMPLES).round().astype(int)
+        speeds = estimate.parameter_samples[chosen, player, :1]
+        return np.concatenate([estimate.samples[chosen, player], speeds], axis=1)
+    if estimate.covariance is None or estimate.parameters is None:
+        return None
+    own = slice(player * count, (player + 1) * count)
+    values, vectors = np.linalg.eigh(estimate.covariance[own, own])
+    drawn = np.random.default_rng([player, 0x5A]).standard_normal((SAMPLES, count + 1))
+    weights = estimate.weights[player] + drawn[:, :-1] * np.sqrt(np.maximum(values, 0)) @ vectors.T
+    weights = np.maximum(weights, Problem.weight_floor)
+    deviations = estimate.parameter_deviations
+    spread = 0.0 if deviations is None else float(deviations[player, 0])
+    speeds = float(estimate.parameters[player, 0]) + spread * drawn[:, -1]
+    return np.column_stack([weights / weights.sum(axis=1, keepdims=True), speeds])
 
 
 def _shared(

@@ -17,6 +17,7 @@ from olne_bench.bench.judge.beliefs import (
     Beliefs,
     EstimatedBeliefs,
     EstimateRules,
+    PopulationBeliefs,
     TrueBeliefs,
     UniformBeliefs,
 )
@@ -24,14 +25,32 @@ from olne_bench.bench.judge.learned_driver import LearnedDriver
 from olne_bench.bench.judge.players import PlayerTask, Staff, StreamPlayer
 from olne_bench.bench.judge.seeds import stream
 from olne_bench.bench.plan.entries import ScenarioEntry
-from olne_bench.bench.plan.kinds import CONSTANT_VELOCITY, ORACLE, PPO, STOCK
+from olne_bench.bench.plan.kinds import (
+    CONSTANT_VELOCITY,
+    CONTINGENCY,
+    EXPECTED,
+    ORACLE,
+    POPULATION,
+    PPO,
+    STOCK,
+)
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip
-from olne_bench.envs.drive.cars import ROADS, STEP, WEIGHTS, Car, EgoCost
+from olne_bench.envs.drive.cars import ROADS, STEP, Car, EgoCost, prior_of
+from olne_bench.envs.drive.ego_seen import AverageEgo
 from olne_bench.envs.drive.footprint import gap
-from olne_bench.envs.drive.planner import CONSTRAINED, EgoPlan, GamePlanner, StraightOnPlanner
-from olne_bench.envs.drive.world import NASH, DriveWorld, NoDriveError, seen
+from olne_bench.envs.drive.planner import (
+    CONSTRAINED,
+    EgoPlan,
+    GamePlanner,
+    Planner,
+    StraightOnPlanner,
+)
+from olne_bench.envs.drive.responding import RespondingPlanner
+from olne_bench.envs.drive.setting import KNOWN, THROUGH, DriveSetting
+from olne_bench.envs.drive.starts import NoDriveError
+from olne_bench.envs.drive.world import DriveWorld, seen
 from olne_bench.estimators.protocol import Problem
 
 #: How far ahead predictions are scored [s].
@@ -58,6 +77,8 @@ class DriveRow:
     message: str = ""
     collision: bool | None = None  # of the ego
     collision_time: float | None = None  # [s]
+    collision_speed: float | None = None  # of the ego relative to the nearest car [m/s]
+    value: float | None = None  # of information, in an encounter (``envs.drive.information``)
     cost: float | None = None  # mean over the steps, 0 to 1 (``EgoCost``)
     progress: float | None = None  # way that the ego drove [m]
     jerk: float | None = None  # of the ego, root mean square [m/s^3]
@@ -83,10 +104,9 @@ class DriveRow:
 Watch = Callable[[DriveWorld, EgoPlan | None], None]
 
 
-def setting(scenario: ScenarioEntry) -> tuple[str, str, str]:
-    """Road, traffic (``envs.drive.world.TRAFFIC``), and how hidden weights are drawn."""
-    options = scenario.options
-    return scenario.name, options.get("traffic", NASH), options.get("weights", WEIGHTS[0])
+def setting(scenario: ScenarioEntry) -> DriveSetting:
+    """What the drives of a scenario have in common."""
+    return DriveSetting(scenario.name, **scenario.options)
 
 
 def judge(trial: Trial, staff: Staff) -> Outcome:
@@ -114,19 +134,13 @@ class _Drive:
 
     def __init__(self, trial: Trial, player: StreamPlayer, pictures: bool) -> None:
         self._trial = trial
-        road, traffic, weights = setting(trial.scenario)
+        stock = trial.reference == STOCK
         self.world = DriveWorld(
-            road,
-            trial.seed,
-            traffic=traffic,
-            weights=weights,
-            stock_ego=trial.reference == STOCK,
-            pictures=pictures,
+            setting(trial.scenario), trial.seed, stock_ego=stock, pictures=pictures
         )
         self._noise = stream(trial.salt, "drive", *_paired(trial))
         self._beliefs = _beliefs(trial, player)
-        straight_on = trial.reference == CONSTANT_VELOCITY
-        self._planner = StraightOnPlanner() if straight_on else GamePlanner()
+        self._planner = _planner(trial, self.world.cars[0])
         self._driver = LearnedDriver(self.world.cars[0]) if trial.reference == PPO else None
         self._cost = EgoCost(self.world.cars[0])
         self._motion: list[dict[int, np.ndarray]] = []
@@ -158,7 +172,11 @@ class _Drive:
         if self._driver is not None:
             return None, self._driver.control(samples)
         self._beliefs.see(cars, samples)
-        plan = self._planner.plan(self._beliefs.minds(cars), samples)
+        minds = self._beliefs.minds(cars)
+        if isinstance(self._planner, RespondingPlanner) and _is_sampled(self._trial):
+            plan = self._planner.plan(minds, samples, self._beliefs.samples(cars))
+        else:
+            plan = self._planner.plan(minds, samples)
         self._plans.append(plan)
         return plan, plan.control
 
@@ -176,7 +194,9 @@ class _Drive:
             message="" if fault is None else clip(str(fault)),
             collision=world.crashed,
             collision_time=world.step * STEP if world.crashed else None,
-            cost=self._cost.of_drive(motion, self._controls, world.crashed),
+            collision_speed=_collision_speed(motion[-1]) if world.crashed else None,
+            value=world.value,
+            cost=self._cost.of_drive(motion, self._controls, world.crashed, world.setting.steps),
             progress=float(np.linalg.norm(way, axis=1).sum()),
             jerk=float(np.sqrt(np.mean((np.diff(speeds, 2) / STEP**2) ** 2)))
             if len(speeds) > 2
@@ -215,17 +235,39 @@ class _Drive:
 
 def _paired(trial: Trial) -> tuple[str | float, ...]:
     """What a planner's drive has in common with all other planners'."""
-    return (*setting(trial.scenario), trial.sigma, trial.seed)
+    known = setting(trial.scenario)
+    more = () if known.scene == THROUGH else (known.scene,)
+    return known.road, known.traffic, known.weights, *more, trial.sigma, trial.seed
 
 
 def _beliefs(trial: Trial, player: StreamPlayer) -> Beliefs:
-    road = ROADS[trial.scenario.name]
+    road, prior = ROADS[trial.scenario.name], prior_of(setting(trial.scenario).weights)
     if trial.reference == ORACLE:
         return TrueBeliefs()
+    if trial.reference == POPULATION:
+        return PopulationBeliefs(road, prior)
     if trial.reference:
         return UniformBeliefs(road)
     rules = EstimateRules(trial.rules.window, trial.sigma, trial.rules.deadline or STEP)
-    return EstimatedBeliefs(player, partial(_asked, trial, rules), road, rules)
+    return EstimatedBeliefs(player, partial(_asked, trial, rules), road, rules, prior)
+
+
+def _planner(trial: Trial, ego: Car) -> Planner:
+    """How the ego plans."""
+    known, planning = setting(trial.scenario), trial.estimator.planning
+    straight_on = trial.reference == CONSTANT_VELOCITY
+    if known.ego == KNOWN:
+        return StraightOnPlanner() if straight_on else GamePlanner()
+    road = ROADS[known.road]
+    contingent = planning == CONTINGENCY or (trial.reference == POPULATION and not planning)
+    seen = AverageEgo(road)
+    return RespondingPlanner(road, ego, seen, straight_on=straight_on, contingent=contingent)
+
+
+def _is_sampled(trial: Trial) -> bool:
+    """Whether the ego plans for several guesses at the others' minds."""
+    planning = trial.estimator.planning
+    return planning in (CONTINGENCY, EXPECTED) or (trial.reference == POPULATION and not planning)
 
 
 def _asked(trial: Trial, rules: EstimateRules, problem: Problem) -> PlayerTask:
@@ -233,6 +275,15 @@ def _asked(trial: Trial, rules: EstimateRules, problem: Problem) -> PlayerTask:
     seed = stream(trial.salt, "estimator of a drive", *_paired(trial), label)
     budget = _BUDGET * rules.deadline
     return PlayerTask.of(trial, problem, seed, lag=rules.window, budget=budget)
+
+
+def _collision_speed(states: np.ndarray) -> float:
+    """Speed [m/s] of the ego, relative to the car that is nearest to it."""
+    nearest = states[1 + int(np.argmin(gap(states[0], states[1:])))]
+    velocities = [
+        speed * np.array([np.cos(h), np.sin(h)]) for _, _, h, speed in (states[0], nearest)
+    ]
+    return float(np.linalg.norm(velocities[0] - velocities[1]))
 
 
 def _by_number(cars: list[Car], states: np.ndarray) -> dict[int, np.ndarray]:

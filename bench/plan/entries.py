@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import Field, field_validator, model_validator
 
+from olne_bench.bench.plan.kinds import Planning
 from olne_bench.bench.plan.values import (
     Bound,
     Label,
@@ -82,6 +83,7 @@ class EstimatorEntry(Strict):
     seeds: Seeds | None = None  # number of draws to use, from the first on; default: all
     # by label of scenario; goes before ``seeds``
     seeds_in: dict[Label, Seeds] = Field(default_factory=dict)
+    planning: Planning | None = None  # of the ego of a drive; None: by one equilibrium
     several: bool = False  # learnt: whether it takes several trajectories at once
 
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field
 
-from olne_bench.bench.plan.values import Strict
+from olne_bench.bench.plan.values import Label, Strict
 
 StudyKind = Literal["trials", "streams", "drives"]
 #: Figures of a study of trials; all but the first two are drawn of each scenario.
@@ -31,21 +31,25 @@ FigureKind = Literal[
 CONSTANT_VELOCITY, CONSTANT_CONTROLS = "constant_velocity", "constant_controls"
 CLONED, STOCK, STOCK_FITTED, TRUE_WEIGHTS = "cloned", "stock", "stock_fitted", "true_weights"
 #: Planners that need no estimator: the true weights and target speeds, equal weights and middle
-#: speeds, and a driver that has learned; for others that drive straight on and for HighwayEnv's own
-#: driver, see above.
-ORACLE, UNIFORM, PPO = "oracle", "uniform", "ppo"
+#: speeds, samples of what drivers are like, and a driver that has learned; for others that drive
+#: straight on and for HighwayEnv's own driver, see above.
+ORACLE, UNIFORM, POPULATION, PPO = "oracle", "uniform", "population", "ppo"
+#: How the ego of a drive plans by an estimate: one equilibrium, or for samples of it, with another
+#: plan for each after a second, or with one for all (``envs.drive.sampled_planner``).
+EQUILIBRIUM, CONTINGENCY, EXPECTED = "equilibrium", "contingency", "expected"
+Planning = Literal["equilibrium", "contingency", "expected"]
 
 #: What the referee itself compares estimators with; it is run like an estimator of that name.
 REFERENCES: dict[StudyKind, tuple[str, ...]] = {
     "trials": (),
     "streams": (CONSTANT_VELOCITY, CONSTANT_CONTROLS, CLONED, STOCK, STOCK_FITTED, TRUE_WEIGHTS),
-    "drives": (ORACLE, UNIFORM, CONSTANT_VELOCITY, STOCK, PPO),
+    "drives": (ORACLE, UNIFORM, POPULATION, CONSTANT_VELOCITY, STOCK, PPO),
 }
 #: Rules that a kind has.
 RULES: dict[StudyKind, tuple[str, ...]] = {
     "trials": ("prior", "noise", "noise_spread"),
     "streams": ("deadline", "lag", "fit_every", "prior", "noise", "noise_spread"),
-    "drives": ("deadline", "window"),
+    "drives": ("deadline", "window", "contrasts"),
 }
 
 _Deadline = Annotated[float, Field(ge=1e-3, le=1e6, allow_inf_nan=False, strict=True)]
@@ -62,6 +66,8 @@ class Rules(Strict):
     lag: _Count | None = None  # number of latest samples that count; None: all
     # HighwayEnv's drivers are fitted after every so many samples; None: never
     fit_every: _Count | None = None
+    #: pairs of planners that are tested in drives, and no others
+    contrasts: tuple[tuple[Label, Label], ...] = Field(default=(), max_length=100)
     window: _Count = 6  # number of latest samples from which the planner of a drive estimates
     # parameter of the Dirichlet prior that estimators are told; None: that of the scenario
     prior: _Factor | None = None

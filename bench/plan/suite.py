@@ -112,6 +112,13 @@ class Suite(Strict):
                 raise ValueError(
                     f"a study of {self.kind} has no rule {name!r}; its rules are: {known}"
                 )
+        if self.kind != "drives":
+            for entry in self.estimators:
+                if entry.planning:
+                    raise ValueError(
+                        f"estimator {entry.name!r} has planning = {entry.planning!r}, in a study "
+                        f"of {self.kind}: only the ego of a drive plans"
+                    )
         if self.gate and self.kind != "trials":
             raise ValueError(f"a study of {self.kind} has no [gate] table: limits are of trials")
         return self

@@ -1,6 +1,6 @@
 """Tables of drives: a line for each road, traffic and planner, and paired tests."""
 
-from dataclasses import fields
+from dataclasses import asdict, fields
 from itertools import product
 from typing import Any
 
@@ -17,8 +17,9 @@ from olne_bench.bench.report.statistics.intervals import Interval
 from olne_bench.bench.report.statistics.pairs import holm, permutation_p
 from olne_bench.bench.run.store import Store
 from olne_bench.envs.drive.cars import ROADS
+from olne_bench.envs.drive.setting import DriveSetting
 
-_PLACE = ("road", "traffic", "weights")
+_PLACE = tuple(one.name for one in fields(DriveSetting))
 _TOLD = tuple(one.name for one in fields(DriveRow) if one.name != "errors")
 #: Columns of a row: what identifies the drive and its planner, what became of it, and its errors.
 COLUMNS = (*_PLACE, "sigma", "seed", "salt_id", "planner", *_TOLD, *ERROR_COLUMNS)
@@ -52,7 +53,7 @@ def episode_table(store: Store, suite: Suite) -> pd.DataFrame:
     rows: list[dict[str, Any]] = []
     for batch in store.batches():
         for record in batch.to_pylist():
-            place = dict(zip(_PLACE, setting(suite.scenario(record["scenario"])), strict=True))
+            place = asdict(setting(suite.scenario(record["scenario"])))
             known = msgspec.json.decode(record["extras"]) if record["extras"] else {}
             errors = known.pop("errors", {})
             rows.append(record | place | {"planner": record["estimator"]} | known | errors)
@@ -74,8 +75,8 @@ def drive_table(rows: pd.DataFrame) -> pd.DataFrame:
     parts = dict(list(whole.groupby(_LINE, sort=False)))
     lines = []
     for key, part in parts.items():
-        line = dict(zip(_LINE, key, strict=True)) | {"drives": len(part)} | _collisions(part)
-        line |= _regret(part, parts.get((*key[:-1], ORACLE), whole.iloc[:0]))
+        line = dict(zip(_LINE, key, strict=True)) | {"drives": len(part)} | collision_share(part)
+        line |= regret_of(part, parts.get((*key[:-1], ORACLE), whole.iloc[:0]))
         line |= {name: part[name].median() for name in (*_MEDIANS, "cycle_95", "cycle_99")}
         line |= {name: part[name].mean() for name in _MEANS}
         lines.append(line)
@@ -96,10 +97,10 @@ def comparison_table(rows: pd.DataFrame) -> pd.DataFrame:
         for column, other, planner in product(_TESTED, _RIVALS, parts):
             if planner in (other, CONSTANT_VELOCITY) or other not in parts:
                 continue
-            pairs = _paired(parts[planner], parts[other], column)
+            pairs = paired_differences(parts[planner], parts[other], column)
             if len(pairs):
                 named = dict(zip(_GROUP, key, strict=True)) | {"planner": planner, "other": other}
-                lines.append({"column": column} | named | _tested(pairs))
+                lines.append({"column": column} | named | tested(pairs))
     table = pd.DataFrame(lines, columns=["column", *_LINE, "other", "pairs", "difference", "p"])
     known = table["p"].notna()
     table["p_holm"] = np.nan
@@ -119,22 +120,24 @@ def _with_all_roads(judged: pd.DataFrame) -> pd.DataFrame:
     return pd.concat([placed, placed.assign(road=_ALL_ROADS)])
 
 
-def _paired(first: pd.DataFrame, second: pd.DataFrame, column: str) -> np.ndarray:
+def paired_differences(first: pd.DataFrame, second: pd.DataFrame, column: str) -> np.ndarray:
     """Differences (D,) between the drives in which both have a value."""
     values = [rows.set_index(_PAIR)[column].astype(float) for rows in (first, second)]
     joined = pd.concat(values, axis=1, join="inner").dropna().to_numpy(float)
     return np.asarray(joined[:, 0] - joined[:, 1])
 
 
-def _collisions(part: pd.DataFrame) -> dict[str, float]:
+def collision_share(part: pd.DataFrame) -> dict[str, float]:
+    """``collisions``, and their share with its exact 95 % interval."""
     hit, count = int(part["collision"].astype(bool).sum()), len(part)
     ends = binomtest(hit, count).proportion_ci(method="exact")
     share = Interval(hit / count, float(ends.low), float(ends.high))
     return {"collisions": hit, **share.columns("collision")}
 
 
-def _regret(part: pd.DataFrame, oracle: pd.DataFrame) -> dict[str, float]:
-    regrets = _paired(part, oracle, "cost")
+def regret_of(part: pd.DataFrame, oracle: pd.DataFrame) -> dict[str, float]:
+    """Mean cost less the oracle's in the same drives, with its 95 % interval (bootstrap)."""
+    regrets = paired_differences(part, oracle, "cost")
     found = Interval(float(regrets.mean()) if len(regrets) else np.nan)
     if len(regrets) >= _LEAST and np.ptp(regrets) > _ROUNDING:
         drawn: dict[str, Any] = {"n_resamples": _RESAMPLES, "rng": np.random.default_rng(0)}
@@ -143,7 +146,8 @@ def _regret(part: pd.DataFrame, oracle: pd.DataFrame) -> dict[str, float]:
     return found.columns("regret")
 
 
-def _tested(differences: np.ndarray) -> dict[str, float]:
+def tested(differences: np.ndarray, sign_changes: int = _SIGN_CHANGES) -> dict[str, float]:
+    """``pairs``, their mean ``difference``, and ``p`` of a paired permutation test."""
     p = np.nan
     if len(differences) >= _LEAST and not np.any(differences % 1):  # collisions, or all ties
         p = permutation_p(differences.astype(int))
@@ -154,7 +158,7 @@ def _tested(differences: np.ndarray) -> dict[str, float]:
             permutation_type="samples",
             vectorized=True,
             batch=_BATCH,
-            n_resamples=_SIGN_CHANGES,
+            n_resamples=sign_changes,
             rng=np.random.default_rng(0),
         )
         p = float(found.pvalue)

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import pandas as pd
@@ -112,7 +113,8 @@ def write_streams(
 
 def report_drives(folder: Path, formats: Sequence[str]) -> str:
     """Write the report of a study of drives; what a terminal shows of it, or UserError."""
-    from olne_bench.bench.report import drive_tables  # it imports HighwayEnv, which takes long
+    # They import HighwayEnv, which takes long.
+    from olne_bench.bench.report import drive_tables, encounter_tables
 
     runs, suite, rows = _rows(folder, drive_tables.episode_table)
     if rows.empty:
@@ -122,8 +124,14 @@ def report_drives(folder: Path, formats: Sequence[str]) -> str:
     if summary.empty:
         raise UserError(f"{folder}: no drive was driven; episodes.csv says why")
     tables = {"summary": summary, "tests": drive_tables.comparison_table(rows)}
+    figures = online.drive_figures(summary)
+    if suite.rules.contrasts:
+        tables["tests"] = encounter_tables.contrast_table(rows, suite.rules.contrasts)
+    if rows["value"].notna().any():
+        tables["quarters"] = encounter_tables.quarter_table(rows)
+        figures = chain(online.quarter_figures(tables["quarters"]), figures)
     _write_tables(tables, folder)
-    pictures = write_figures(online.drive_figures(summary), folder / "figures", formats)
+    pictures = write_figures(figures, folder / "figures", formats)
     write_text(folder / "index.html", online_page(tables, pictures, runs, suite))
     said = format_summary(_DRIVES, summary[_OF_DRIVES], rows[rows["status"] != "ok"], "drives")
     return f"{said}\n{folder}: index.html is the page, episodes.csv has a row for each drive"

@@ -90,10 +90,9 @@ def check_kind(suite: Suite) -> None:
 
 def _check_drives(suite: Suite) -> None:
     # It imports HighwayEnv, which takes longer than all else.
-    from olne_bench.envs.drive.cars import ROADS, STEPS, WEIGHTS
-    from olne_bench.envs.drive.world import TRAFFIC
+    from olne_bench.envs.drive.cars import ROADS
+    from olne_bench.envs.drive.setting import OPTIONS, DriveSetting
 
-    known = {"traffic": TRAFFIC, "weights": WEIGHTS}
     for road in suite.scenarios:
         if road.name not in ROADS or road.trajectories > 1:
             raise UserError(
@@ -101,16 +100,23 @@ def _check_drives(suite: Suite) -> None:
                 "trajectory"
             )
         for name, value in road.options.items():
-            if value not in known.get(name, ()):
-                choice = "; ".join(f"{key}: {', '.join(of)}" for key, of in known.items())
+            if value not in OPTIONS.get(name, ()):
+                choice = "; ".join(f"{key}: {', '.join(of)}" for key, of in OPTIONS.items())
                 raise UserError(
                     f"scenario {road.label!r}: option {name} = {value!r}; drives have {choice}"
                 )
+        try:
+            setting = DriveSetting(road.name, **road.options)
+        except ValueError as error:
+            raise UserError(f"scenario {road.label!r}: {error}") from error
+        if suite.rules.window > setting.steps:
+            raise UserError(
+                f"rule window = {suite.rules.window}: a drive of scenario {road.label!r} has "
+                f"{setting.steps} samples"
+            )
     for sensor in suite.sensors:
         if [layer.name for layer in sensor.layers] != ["full"]:
             raise UserError(f"sensor {sensor.label!r}: in a study of drives it is 'full'")
-    if suite.rules.window > STEPS:
-        raise UserError(f"rule window = {suite.rules.window}: a drive has {STEPS} samples")
 
 
 def _check_lag(scenario: ScenarioEntry, lag: int) -> None:

@@ -16,9 +16,10 @@ import casadi as ca
 import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
+from olne_bench.envs.drive.footprint import gap
 from olne_bench.envs.roads.highway_roads import DT, SIMULATION_FREQUENCY
 from olne_bench.envs.roads.road_scenario import RoadFamily, speed_feature
-from olne_bench.envs.roads.temperaments import TEMPERAMENTS
+from olne_bench.envs.roads.temperaments import TEMPERAMENTS, checked_shares, tempered_prior
 from olne_bench.envs.scenarios import highway, intersection, merge, roundabout, two_way
 from olne_bench.envs.scenarios.true_weights import DIRICHLET, TEMPERED
 from olne_bench.games.model.constraints import Constraint
@@ -26,6 +27,7 @@ from olne_bench.games.model.costs import CarProximity, ControlEffort, Feature, S
 from olne_bench.games.model.dynamics import bicycle
 from olne_bench.games.model.game import Game, Player
 from olne_bench.games.model.lanes import Lane, LaneKeeping
+from olne_bench.games.model.weight_prior import FLAT, WeightPrior
 
 FRAMES = 3  # of the simulator in a step
 STEP = FRAMES / SIMULATION_FREQUENCY  # [s], 0.2
@@ -108,14 +110,20 @@ def proposed_cars(road: DriveRoad, rng: np.random.Generator, kind: str) -> list[
         start = scenario.initial_state[index].astype(float)
         if number == 0:
             start[:2] -= road.lead * np.array([np.cos(start[2]), np.sin(start[2])])
-        cars.append(Car(number, at_step(player), _weights(rng, kind), keeping.route, start))
+        cars.append(Car(number, at_step(player), drawn_weights(rng, kind), keeping.route, start))
     return cars
 
 
-def _weights(rng: np.random.Generator, kind: str) -> np.ndarray:
+def drawn_weights(rng: np.random.Generator, kind: str) -> np.ndarray:
+    """Hidden weights (4,) of one car."""
     if kind == DIRICHLET:
         return rng.dirichlet(np.ones(4))
     return rng.dirichlet(TEMPERAMENTS[str(rng.choice(list(TEMPERAMENTS)))])
+
+
+def prior_of(kind: str) -> WeightPrior:
+    """What is known of hidden weights of this kind."""
+    return FLAT if kind == DIRICHLET else tempered_prior(checked_shares(None))
 
 
 def at_step(player: Player) -> Player:
@@ -146,7 +154,7 @@ def middle_speed(road: DriveRoad) -> float:
 
 
 class EgoCost:
-    """The cost of single steps of an ego."""
+    """The cost of the steps of an ego."""
 
     def __init__(self, ego: Car) -> None:
         (near,) = (one for one in ego.player.preferences if isinstance(one, CarProximity))
@@ -162,20 +170,38 @@ class EgoCost:
 
     def of_step(self, states: np.ndarray, control: np.ndarray) -> float:
         """Cost of a step from states (N, 4), the ego first, with the ego's control (2,)."""
-        values = [
-            self._proximities(states) if one is None else float(one(states[:1].T, control))
-            for one in self._own
-        ]
-        count = len(self._weights)
-        task = sum(values[count:]) * self._weights.mean()
-        return float(self._weights @ np.array(values[:count]) + task)
+        return float(self._of_steps(states[None], control[None])[0])
 
     def share(self, states: np.ndarray, control: np.ndarray) -> float:
         """Cost of a step as a share of that of standing at the start, at most 1."""
         return min(self.of_step(states, control) / self._standing, 1.0)
 
+    def shares(self, motion: np.ndarray, controls: np.ndarray) -> np.ndarray:
+        """Costs (T,) of steps as shares of that of standing at the start, at most 1.
+
+        From states (T, N, 4), the ego first, with the ego's controls (T, 2).
+        """
+        return np.minimum(self._of_steps(motion, controls) / self._standing, 1.0)
+
+    def of_plans(self, motions: np.ndarray, controls: np.ndarray) -> np.ndarray:
+        """Mean shares (...) of the steps of plans: motions (..., T+1, N, 4), controls (..., T, 2).
+
+        Steps after the first in which the ego overlaps another car cost one each.
+        """
+        lead, (steps, size) = controls.shape[:-2], controls.shape[-2:]
+        states = motions[..., :-1, :, :].reshape(-1, *motions.shape[-2:])
+        shares = self.shares(states, controls.reshape(-1, size)).reshape(*lead, steps)
+        gaps = gap(motions[..., 1:, :1, :], motions[..., 1:, 1:, :])
+        hit = np.cumsum(gaps.min(axis=-1, initial=np.inf) <= 0, axis=-1) > 0
+        after = np.concatenate([np.zeros((*lead, 1), dtype=bool), hit[..., :-1]], axis=-1)
+        return np.asarray(np.where(after, 1.0, shares).mean(axis=-1))
+
     def of_drive(
-        self, motion: Sequence[np.ndarray], controls: Sequence[np.ndarray], crashed: bool
+        self,
+        motion: Sequence[np.ndarray],
+        controls: Sequence[np.ndarray],
+        crashed: bool,
+        steps: int = STEPS,
     ) -> float:
         """Mean share of the steps of a whole drive, 0 to 1, which may have ended in a collision.
 
@@ -186,16 +212,28 @@ class EgoCost:
             for states, control in zip(motion[:-1], controls, strict=True)
         ]
         if crashed:
-            costs += [1.0] * (STEPS - len(costs))
+            costs += [1.0] * (steps - len(costs))
         return float(np.mean(costs))
 
-    def _proximities(self, states: np.ndarray) -> float:
-        far = -self._near.scale * np.log(RANGE**2 + self._near.offset)
-        found = [
-            float(self._proximity(np.stack([states[0], other]).T, np.zeros(2)))
-            for other in states[1:]
+    def _of_steps(self, motion: np.ndarray, controls: np.ndarray) -> np.ndarray:
+        ego = np.ascontiguousarray(motion[:, 0].T)
+        values = [
+            self._proximities(motion) if one is None else one(ego, controls.T).full()[0]
+            for one in self._own
         ]
-        return float(np.maximum(np.array(found) - far, 0.0).sum())
+        count = len(self._weights)
+        task = np.sum(values[count:], axis=0) * self._weights.mean()
+        return np.asarray(self._weights @ np.array(values[:count]) + task)
+
+    def _proximities(self, motion: np.ndarray) -> np.ndarray:
+        """Of each step (T,), by all others that are near."""
+        far = -self._near.scale * np.log(RANGE**2 + self._near.offset)
+        steps, nearby = len(motion), np.zeros(len(motion))
+        for other in range(1, motion.shape[1]):
+            pairs = np.ascontiguousarray(motion[:, (0, other)].reshape(2 * steps, -1).T)
+            found = self._proximity(pairs, np.zeros((2, steps))).full()[0]
+            nearby += np.maximum(found - far, 0.0)
+        return nearby
 
 
 def _function(feature: Feature, players: int) -> ca.Function:

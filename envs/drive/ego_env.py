@@ -12,7 +12,9 @@ import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
 from olne_bench.envs.drive.cars import ROADS, STEPS, Car, EgoCost
-from olne_bench.envs.drive.world import NEAREST, TRAFFIC, DriveWorld, NoDriveError, seen
+from olne_bench.envs.drive.setting import TRAFFIC, DriveSetting
+from olne_bench.envs.drive.starts import NoDriveError
+from olne_bench.envs.drive.world import NEAREST, DriveWorld, seen
 from olne_bench.envs.roads.highway_roads import MAX_ACCELERATION, MAX_STEERING
 from olne_bench.games.model.lanes import ArcLane, SineLane, StraightLane
 
@@ -159,7 +161,7 @@ class EgoEnv(gymnasium.Env[np.ndarray, np.ndarray]):
             traffic = str(self.np_random.choice(self._traffic))
             number = FIRST_SEED + int(self.np_random.integers(10**8))
             with suppress(NoDriveError):
-                return DriveWorld(road, number, traffic=traffic)
+                return DriveWorld(DriveSetting(road, traffic), number)
 
     def _observed(self) -> np.ndarray:
         rng = self.np_random

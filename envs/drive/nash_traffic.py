@@ -1,5 +1,7 @@
 """Cars that plan again each second: an open-loop Nash equilibrium with the ego as a player.
 
+What they take the ego for is said by ``envs.drive.ego_seen``.
+
 Costs are finite, so some equilibria lead cars into each other. Then the variational equilibrium in
 which all of them keep a distance is taken. A plan that is not found, not certified, or leads into
 another car all the same is not driven: the car follows the rest of its former plan, and when that
@@ -13,6 +15,7 @@ from itertools import combinations
 import numpy as np
 
 from olne_bench.envs.drive.cars import FIRST_STEP, STEP, Car, drive_game
+from olne_bench.envs.drive.ego_seen import EgoSeen
 from olne_bench.envs.drive.footprint import CarsApart, gaps
 from olne_bench.envs.roads.highway_roads import MAX_ACCELERATION, MAX_STEERING
 from olne_bench.games.model.game import Game
@@ -44,13 +47,15 @@ class PlanCounts:
 class NashTraffic:
     """The plans of all cars but the ego; ``first`` are states and controls of the first plan."""
 
-    def __init__(self, first: tuple[np.ndarray, np.ndarray] | None = None) -> None:
+    def __init__(self, first: tuple[np.ndarray, np.ndarray] | None, ego_seen: EgoSeen) -> None:
         self.counts = PlanCounts()
-        self._first = first
+        self._first, self._ego_seen = first, ego_seen
         self._plans: dict[int, np.ndarray] = {}  # controls that are left, by car number
 
     def plan(self, cars: Sequence[Car], states: np.ndarray) -> bool:
         """Plan again for all cars, the ego first; whether every car has a new plan."""
+        own, *others = cars
+        cars = [self._ego_seen.car(own, states[0]), *others]
         former = [self._plans.get(car.number) for car in cars]
         good = self._take(cars, self._first or nash_plan(cars, states, former))
         self._first = None
@@ -66,6 +71,7 @@ class NashTraffic:
         if found is None:
             return np.zeros(len(cars), dtype=bool)
         states, controls = found
+        self._ego_seen.planned(cars[0], list(cars[1:]), states, controls, REPLAN)
         good = drivable(states, controls)
         for index, car in enumerate(cars):
             if good[index]:

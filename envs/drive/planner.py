@@ -37,7 +37,7 @@ CONSTRAINED, UNCONSTRAINED, KEPT, BRAKED = "constrained", "unconstrained", "kept
 
 #: What the ego keeps beside the distance of footprints [m]. Cars that cross are nearest between two
 #: steps, noise hides where the others are, and they plan anew.
-_MORE = 0.8
+LEAST_GAP = 0.8
 
 _WARM_ITERATIONS = 40
 _ATTEMPTS = 2  # from scratch
@@ -80,7 +80,7 @@ class Planner(ABC):
     def plan(self, minds: Sequence[Mind], states: np.ndarray) -> EgoPlan:
         """The next plan, from minds and states (N, 4) of all cars as the ego knows them."""
         numbers = tuple(mind.number for mind in minds)
-        found = self._found(_game(minds), minds, numbers, states)
+        found = self._found(planned_game(minds), minds, numbers, states)
         self._former = found or kept_or_braked(self._former, numbers, states)
         return self._former
 
@@ -98,7 +98,7 @@ class GamePlanner(Planner):
         self, game: Game, minds: Sequence[Mind], numbers: tuple[int, ...], states: np.ndarray
     ) -> EgoPlan | None:
         weights = np.stack([mind.weights for mind in minds])
-        found = _equilibrium(game, weights, states, self._shifted(numbers, states))
+        found = equilibrium_near(game, weights, states, self._shifted(numbers, states))
         return found and EgoPlan(numbers, *found)
 
     def _shifted(self, numbers: tuple[int, ...], states: np.ndarray) -> Root | None:
@@ -106,7 +106,7 @@ class GamePlanner(Planner):
         former = self._former
         if former is None or former.numbers != numbers or former.kind in (KEPT, BRAKED):
             return None
-        controls, costates = _later(former.controls), _later(former.costates)
+        controls, costates = later(former.controls), later(former.costates)
         return Root(rollout(MOTION, states, controls, STEP), controls, costates, np.inf)
 
 
@@ -119,7 +119,7 @@ class StraightOnPlanner(Planner):
         controls = np.zeros(game.control_shape)
         controls[:, 0] = self._first_plan(minds[0], states[0])
         motion = rollout(MOTION, states, controls, STEP)
-        found = _alone(game, motion, controls, minds[0].weights)
+        found = ego_response(game, motion, controls, minds[0].weights)
         if found is None:
             return None
         motion[:, 0], controls[:, 0], kind = found
@@ -128,18 +128,18 @@ class StraightOnPlanner(Planner):
     def _first_plan(self, ego: Mind, state: np.ndarray) -> np.ndarray:
         """Controls (T-1, 2) to begin with: the former plan's, or those of an empty road."""
         if self._former is not None and self._former.kind not in (KEPT, BRAKED):
-            return _later(self._former.controls)[:, 0]
+            return later(self._former.controls)[:, 0]
         game = drive_game([ego.player], HORIZON)
         return grown_plans(game, state[None], ego.weights[None])[:, 0]
 
 
-def _game(minds: Sequence[Mind]) -> Game:
+def planned_game(minds: Sequence[Mind]) -> Game:
     """The game in which the ego, player 0, keeps a distance from each other."""
-    constraints = tuple(CarsApart((0, j), FIRST_STEP, _MORE) for j in range(1, len(minds)))
+    constraints = tuple(CarsApart((0, j), FIRST_STEP, LEAST_GAP) for j in range(1, len(minds)))
     return drive_game([mind.player for mind in minds], HORIZON, constraints)
 
 
-def _equilibrium(
+def equilibrium_near(
     game: Game, weights: np.ndarray, states: np.ndarray, near: Root | None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, str] | None:
     """States, controls and costates of an equilibrium, and how it was found; None if none is."""
@@ -167,7 +167,7 @@ def _equilibrium(
     return found.states, found.controls, found.costates, kind
 
 
-def _alone(
+def ego_response(
     game: Game, motion: np.ndarray, controls: np.ndarray, weights: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, str] | None:
     """The ego's best response to the others' motion: states and controls, and how it was found."""
@@ -205,6 +205,21 @@ def kept_or_braked(former: EgoPlan | None, numbers: tuple[int, ...], states: np.
     return EgoPlan(numbers, motion, controls, np.zeros_like(motion[1:]), kind)
 
 
-def _later(values: np.ndarray) -> np.ndarray:
+def plan_near(
+    game: Game, weights: np.ndarray, states: np.ndarray, near: Root | None
+) -> Root | None:
+    """The equilibrium without constraints near a motion, or from scratch; None if none is found."""
+    if near is not None and np.isfinite(near.states).all():
+        root = newton_root(game, near.states, near.controls, near.costates, weights)
+        return root if root.residual < RESIDUAL_TOLERANCE else None
+    alone = np.where(coupled_features(game), 0.0, weights)
+    controls = grown_plans(game, states, alone)
+    found = solve_olne(game, weights, states, initial_controls=controls, max_rounds=_ROUNDS)
+    if not found.certificate.passed:
+        return None
+    return Root(found.states, found.controls, found.costates, found.residual)
+
+
+def later(values: np.ndarray) -> np.ndarray:
     """Values (T-1, ...) of a plan without its first step, the last one repeated."""
     return np.concatenate([values[1:], values[-1:]])

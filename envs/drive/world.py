@@ -1,15 +1,13 @@
-"""A drive that goes on: 20 s of an ego among other cars, in HighwayEnv's simulator.
+"""A drive of an ego among other cars, in HighwayEnv's simulator: 20 s, or an encounter of 8 s.
 
-It begins with the first proposal of its seed that can be driven. The others are players of the
-family's game with hidden weights and target speeds, or HighwayEnv's own drivers. Each second, cars
-that are done leave and others enter at the family's starts. The same seed and the same controls of
+It begins as ``envs.drive.starts`` says. The others are players of the family's game with hidden
+weights and target speeds, or HighwayEnv's own drivers. Each second, cars that are done leave and
+others enter at the family's starts, but for an encounter. The same seed and the same controls of
 the ego make the same drive, bit by bit.
 """
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
-from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from highway_env.road.road import Road as SimulatedRoad
@@ -20,65 +18,24 @@ from olne_bench.envs.drive.cars import (
     FRAMES,
     ROADS,
     STEP,
-    STEPS,
-    WEIGHTS,
     Car,
     DriveRoad,
     proposed_cars,
 )
-from olne_bench.envs.drive.footprint import gap, gaps
-from olne_bench.envs.drive.nash_traffic import REPLAN, NashTraffic, PlanCounts, drivable, nash_plan
+from olne_bench.envs.drive.footprint import gap
+from olne_bench.envs.drive.nash_traffic import REPLAN, NashTraffic, PlanCounts
+from olne_bench.envs.drive.setting import NASH, STOCK, THROUGH, DriveSetting
+from olne_bench.envs.drive.starts import ego_seen, first_cars, rng_of
 from olne_bench.envs.roads.highway_roads import SIMULATION_FREQUENCY, make_road
 from olne_bench.envs.roads.road_scenario import NOISE_SCALE
 from olne_bench.envs.roads.simulated_roads import PlayersOnly
 from olne_bench.envs.roads.stock_drivers import StockDriver, stock_car, stock_route
-from olne_bench.envs.scenarios.true_weights import TEMPERED
 from olne_bench.games.model.lanes import StraightLane
 
-#: Traffic: players of the family's game, and HighwayEnv's own drivers (IDM and MOBIL).
-NASH, STOCK = "nash", "stock"
-TRAFFIC = (NASH, STOCK)
-
-_MOST_PROPOSALS = 50
-_START_GAP = 1.0  # least gap [m] of the ego at the start
 _ENTRIES = 3  # proposals from which cars may enter at one time
 _FREE = 8.0  # least gap [m] of a car that enters
 #: Other cars that an ego looks at: the nearest ones.
 NEAREST = 4
-
-
-class NoDriveError(Exception):
-    """No proposal of a seed can be driven."""
-
-
-class FirstCars(NamedTuple):
-    """Cars, the ego first, and in Nash traffic the states and controls of their plan."""
-
-    cars: tuple[Car, ...]
-    plan: tuple[np.ndarray, np.ndarray] | None
-
-
-@lru_cache(maxsize=4)  # the planners of a study drive a seed one after the other
-def first_cars(road: str, seed: int, traffic: str, weights: str) -> FirstCars:
-    """The first proposal whose cars are apart and have plans in Nash traffic, or NoDriveError."""
-    for attempt in range(_MOST_PROPOSALS):
-        cars = tuple(proposed_cars(ROADS[road], rng_of(road, seed, 0, attempt), weights))
-        states = np.stack([car.start for car in cars])
-        if gaps(states).min() < _START_GAP:
-            continue
-        if traffic == STOCK:
-            return FirstCars(cars, None)
-        found = nash_plan(cars, states, [None] * len(cars))
-        if found is not None and drivable(*found).all():
-            return FirstCars(cars, found)
-    raise NoDriveError(
-        f"no proposal of {road!r} can be driven, of {_MOST_PROPOSALS} from seed {seed}"
-    )
-
-
-def rng_of(road: str, seed: int, *key: int) -> np.random.Generator:
-    """Random numbers of a drive; the key says what for."""
-    return np.random.default_rng([seed, list(ROADS).index(road), *key])
 
 
 @dataclass
@@ -94,39 +51,29 @@ class DriveCounts:
 class DriveWorld:
     """One drive: its cars, the ego first, and HighwayEnv's environment ``road``, for pictures.
 
-    It is over once the ego has ``crashed``.
+    It is over once the ego has ``crashed``. ``value`` is an encounter's value of information.
     """
 
     def __init__(
         self,
-        name: str,
+        setting: DriveSetting,
         seed: int,
         *,
-        traffic: str = NASH,
-        weights: str = TEMPERED,
         stock_ego: bool = False,
         pictures: bool = False,
     ) -> None:
         """Draw the start of the drive that the seed identifies, or raise NoDriveError.
 
-        The road is one of ``ROADS``, the traffic of ``TRAFFIC``, the kind of hidden weights of
-        ``WEIGHTS``. HighwayEnv's own driver drives a ``stock_ego``.
+        HighwayEnv's own driver drives a ``stock_ego``.
         """
-        for what, given, known in (
-            ("road", name, tuple(ROADS)),
-            ("traffic", traffic, TRAFFIC),
-            ("weights", weights, WEIGHTS),
-        ):
-            if given not in known:
-                raise ValueError(f"unknown {what} {given!r}; known are: {', '.join(known)}")
-        self._settings, self._name = ROADS[name], name
-        self._seed, self._kind, self._traffic = seed, weights, traffic
+        self.setting, self._settings, self._seed = setting, ROADS[setting.road], seed
         self._stock_ego = stock_ego
-        first = first_cars(name, seed, traffic, weights)
-        self._nash = NashTraffic(first.plan)
+        first = first_cars(setting, seed)
+        self.value = first.value
+        self._nash = NashTraffic(first.plan, ego_seen(setting))
         self.step, self.crashed = 0, False
         self.counts = DriveCounts(plans=self._nash.counts)
-        self.road: PlayersOnly = make_road(name, "rgb_array" if pictures else None)
+        self.road: PlayersOnly = make_road(setting.road, "rgb_array" if pictures else None)
         self.road.road.np_random = np.random.RandomState(seed % 2**32)
         self.cars = list(first.cars)
         self._origin = self.cars[0].start[0]
@@ -142,7 +89,7 @@ class DriveWorld:
     @property
     def over(self) -> bool:
         """Whether the drive has ended."""
-        return self.crashed or self.step >= STEPS
+        return self.crashed or self.step >= self.setting.steps
 
     def advance(self, control: np.ndarray | None) -> None:
         """One step, with steering [rad] and acceleration [m/s^2]; None if a stock ego drives."""
@@ -157,7 +104,7 @@ class DriveWorld:
         self.crashed = bool(self._vehicles[self.cars[0].number].crashed)
         if not self.crashed:
             self._clear()
-            if self.step % REPLAN == 0:
+            if self.step % REPLAN == 0 and self.setting.scene == THROUGH:
                 self._leave()
                 self._enter()
         self._show()
@@ -184,10 +131,10 @@ class DriveWorld:
 
     def _choose_controls(self, control: np.ndarray | None) -> None:
         states = self.states()
-        if self._traffic == NASH and self.step % REPLAN == 0:
+        if self.setting.traffic == NASH and self.step % REPLAN == 0:
             self._nash.plan(self.cars, states)
         for car, state in zip(self.cars, states, strict=True):
-            chosen = self._nash.control(car, state) if self._traffic == NASH else None
+            chosen = self._nash.control(car, state) if self.setting.traffic == NASH else None
             if car.number == 0:
                 chosen = control
             if chosen is not None:
@@ -196,8 +143,8 @@ class DriveWorld:
 
     def _vehicle(self, car: Car) -> Vehicle:
         road, (px, py, heading, speed) = self.road.road, car.start
-        if self._traffic == STOCK if car.number else self._stock_ego:
-            route = stock_route(self._name, car.lanes)
+        if self.setting.traffic == STOCK if car.number else self._stock_ego:
+            route = stock_route(self.setting.road, car.lanes)
             return stock_car(road, car.start, StockDriver(car.target_speed), route)
         return Vehicle(road, [float(px), float(py)], float(heading), float(speed))
 
@@ -235,8 +182,8 @@ class DriveWorld:
     def _enter(self) -> None:
         """Cars enter where proposals begin, as far as there is room."""
         for attempt in range(_ENTRIES):
-            rng = rng_of(self._name, self._seed, self.step, attempt)
-            proposed = proposed_cars(self._settings, rng, self._kind)
+            rng = rng_of(self.setting.road, self._seed, self.step, attempt)
+            proposed = proposed_cars(self._settings, rng, self.setting.weights)
             shift = self._settings.shift * float(rng.choice((-1.0, 1.0)))
             for car in proposed[1:]:
                 if len(self.cars) == self._settings.cars:

@@ -77,6 +77,11 @@ class WeightPrior:
         given = np.exp(terms - logsumexp(terms, axis=-1, keepdims=True))
         return np.asarray(given @ self.parameters(shares.shape[-1]))
 
+    def mean(self, num_weights: int) -> np.ndarray:
+        """(K,) mean weights."""
+        rows = self.parameters(num_weights)
+        return np.asarray(np.array(self.shares) @ (rows / rows.sum(axis=1, keepdims=True)))
+
     def matched(self, num_weights: int) -> np.ndarray:
         """(K,) parameters of one Dirichlet distribution with the same mean and spread."""
         rows, weights = self.parameters(num_weights), np.array(self.shares)

@@ -27,10 +27,13 @@ _REFERENCE_STYLES = {
     name: {"color": "#555555", "linestyle": line, "linewidth": 1.1}
     for name, line in zip(_REFERENCES, (*style.LINE_STYLES[::-1], _SPARSE, _LONG), strict=True)
 }
-_COLOURS = ("#1b1b1b", "#8a8a8a", "#b06a2c", "#5b7f95", "#7a5195")
+_COLOURS = ("#1b1b1b", "#8a8a8a", "#4f9d69", "#b06a2c", "#5b7f95", "#7a5195")
 _PLANNER_COLOURS = dict(zip(REFERENCES["drives"], _COLOURS, strict=True))
 _LINEAR = 0.01  # regrets below it are on a linear scale
 _SIZE, _DRIVE_SIZE = (4.2, 2.5), (3.4, 2.8)  # of a panel [inch]
+_WIDE, _STEP = (7.0, 3.2), 0.11  # of the figure by value, and between planners in it
+#: Planners whose regret does not depend on what they know of the others.
+_NOT_BY_VALUE = ("oracle", "stock", "ppo")
 _QUARTILES = (0.25, 0.5, 0.75)
 
 
@@ -117,16 +120,54 @@ def _drives(traffic: str, table: pd.DataFrame) -> Figure:
     return figure
 
 
-def _point(axes: Axes, row: dict[Any, Any]) -> Any:
-    planner = row["planner"]
+def quarter_figures(table: pd.DataFrame) -> Iterator[tuple[str, Figure]]:
+    """Name and figure of a ``quarter_table``: regret of planners by the value of information."""
+    parts = table[table["quarter"] != "all"]
+    planners = [name for name in parts["planner"].unique() if name not in _NOT_BY_VALUE]
+    figure, (axes,) = style.grid(["Regret, in hundredths of what standing costs"], _WIDE)
+    quarters = sorted(parts["quarter"].unique())
+    handles: dict[str, Any] = {}
+    for number, name in enumerate(planners):
+        own = parts[parts["planner"] == name].set_index("quarter").reindex(quarters)
+        places = np.arange(len(quarters)) + (number - (len(planners) - 1) / 2) * _STEP
+        ends = [100 * own[f"regret{end}"].to_numpy(float) for end in ("", "_low", "_high")]
+        reach = np.nan_to_num(np.maximum([ends[0] - ends[1], ends[2] - ends[0]], 0.0))
+        handles[name] = axes.errorbar(places, ends[0], yerr=reach, **_marks(name))
+    axes.axhline(0.0, color="#999999", linewidth=0.8, zorder=0)
+    drives = parts.groupby("quarter")["drives"].max()
+    values = parts.groupby("quarter")["value"].mean()
+    axes.set_xticks(range(len(quarters)))
+    labels = [
+        f"quarter {quarter}\nvalue {100 * values[quarter]:.2g} %\n{drives[quarter]} draws"
+        for quarter in quarters
+    ]
+    axes.set_xticklabels(labels)
+    axes.set_yscale("symlog", linthresh=1.0)
+    axes.yaxis.set_major_formatter(style.plain)
+    style.entitle(
+        figure, "Regret against the oracle, by the value of knowing the others (95 % intervals)"
+    )
+    style.legend_below(figure, [(handles[name], style.printable(name)) for name in handles])
+    yield "regret_by_value", figure
+
+
+def _marks(planner: str) -> dict[str, Any]:
     colour = _PLANNER_COLOURS.get(planner) or style.estimator_colours(planner)[0]
+    reference = planner in _PLANNER_COLOURS
+    return {
+        "fmt": "D" if reference else "o",
+        "color": colour,
+        "markersize": 5,
+        "linewidth": 1.0,
+    }
+
+
+def _point(axes: Axes, row: dict[Any, Any]) -> Any:
     ends = ("", "_low", "_high")
     percent = np.array([100 * row[f"collision{end}"] for end in ends])
     regret = np.array([row[f"regret{end}"] for end in ends])
-    looks: dict[str, Any] = {"fmt": "D" if planner in _PLANNER_COLOURS else "o", "color": colour}
-    looks |= {"markersize": 5, "linewidth": 1.0}
     bars: dict[str, Any] = {"xerr": _reach(regret), "yerr": _reach(percent)}
-    return axes.errorbar(regret[0], percent[0], **bars, **looks)
+    return axes.errorbar(regret[0], percent[0], **bars, **_marks(row["planner"]))
 
 
 def _reach(values: np.ndarray) -> np.ndarray:

@@ -39,6 +39,10 @@ _REGRET = (
     "Regret is the mean cost less that of the oracle in the same drives, in hundredths of what "
     "standing costs. Shares and regrets have 95 % intervals; all else are medians."
 )
+_QUARTERS = (
+    "Draws of each road, in four by the value of information: what a first plan for other "
+    "plausible minds costs the ego more than the best one (quarter 4: most). Over all roads."
+)
 _TESTS = (
     "Means of the planner less the other in the same drives; permutation tests, adjusted after "
     "Holm for all lines."
@@ -120,6 +124,14 @@ def _verdict(row: t.Row) -> str:
     return "below" if row["wins"] > 0.5 else "above"
 
 
+_PAIRED: t.Columns = {
+    "Less": "other",
+    "Drives": "pairs",
+    "Difference": "difference",
+    "p (Holm)": t.p_value("p_holm"),
+}
+
+
 def _drives(tables: Mapping[str, pd.DataFrame], suite: Suite) -> dict[str, Any]:
     summary = tables["summary"]
     place: t.Columns = {**t.own("road", "traffic"), "Noise": "sigma", **t.own("planner", "drives")}
@@ -135,15 +147,19 @@ def _drives(tables: Mapping[str, pd.DataFrame], suite: Suite) -> dict[str, Any]:
         "99 % [ms]": "cycle_99",
         "Late": t.share("late"),
     }
-    tested: t.Columns = {
-        "What": "column",
-        **t.own("road", "traffic", "planner"),
-        "Less": "other",
-        "Drives": "pairs",
-        "Difference": "difference",
-        "p (Holm)": t.p_value("p_holm"),
-    }
+    tested: t.Columns = {"What": "column", **t.own("road", "traffic", "planner"), **_PAIRED}
+    if "road" not in tables["tests"]:  # contrasts
+        tested = {"What": "column", "Quarter": "quarter", **t.own("planner")}
+        tested |= _PAIRED
     tests = t.table_of(tables["tests"], tested, name="tests", note=_TESTS)
+    more = [("Paired tests", [tests])]
+    if "quarters" in tables:
+        columns: t.Columns = {"Quarter": "quarter", **t.own("planner", "drives")}
+        columns |= {name: results[name] for name in ("Collisions [%]", "Regret [%]")}
+        columns |= {"Value [%]": t.ends("value", 100)}
+        columns |= {name: comfort[name] for name in ("Cycle [ms]", "99 % [ms]")}
+        quarters = t.table_of(tables["quarters"], columns, name="quarters", note=_QUARTERS)
+        more.insert(0, ("By the value of information", [quarters]))
     return {
         "title": f"{suite.name}: drives",
         "lead": lead_of(suite.description, _DRIVES),
@@ -159,9 +175,6 @@ def _drives(tables: Mapping[str, pd.DataFrame], suite: Suite) -> dict[str, Any]:
             note=_REGRET,
             quiet=lambda row: row["planner"] in suite.references,
         ),
-        "more": [
-            ("Paired tests", [tests]),
-            ("Comfort and time", [t.table_of(summary, place | comfort)]),
-        ],
+        "more": [*more, ("Comfort and time", [t.table_of(summary, place | comfort)])],
         "what": "All but times come out the same again, if no estimate is late:",
     }

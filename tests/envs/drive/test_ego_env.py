@@ -9,7 +9,8 @@ from gymnasium.utils.env_checker import check_env
 
 import olne_bench.envs  # noqa: F401  registers the ids
 from olne_bench.envs.drive.ego_env import SIZE, EgoEnv, EgoView
-from olne_bench.envs.drive.world import STOCK, DriveWorld
+from olne_bench.envs.drive.setting import STOCK, DriveSetting
+from olne_bench.envs.drive.world import DriveWorld
 
 
 def driven(world: EgoEnv, seed: int, action: np.ndarray, steps: int) -> list:
@@ -55,7 +56,7 @@ def test_a_step_costs_one_at_most_and_a_collision_the_steps_that_are_left() -> N
 def test_without_an_action_the_ego_follows_its_route() -> None:
     """Round a corner and a roundabout, too; on the highway it changes to its lane first."""
     for road in ("highway", "intersection", "roundabout"):
-        world = DriveWorld(road, 10_000_000, traffic=STOCK)
+        world = DriveWorld(DriveSetting(road, STOCK), 10_000_000)
         view, away = EgoView(world.cars[0]), []
         while not world.over and world.step < 60:
             state = world.states()[0]
@@ -66,7 +67,7 @@ def test_without_an_action_the_ego_follows_its_route() -> None:
 
 def test_the_view_turns_with_the_ego() -> None:
     """Positions and velocities of others are told in the frame of the ego."""
-    world = DriveWorld("highway", 10_000_001, traffic=STOCK)
+    world = DriveWorld(DriveSetting("highway", STOCK), 10_000_001)
     view = EgoView(world.cars[0])
     ahead = np.array([[50.0, 4.0, 0.0, 20.0], [60.0, 8.0, 0.0, 25.0]])
     first = view.of(ahead)[-4 * 7 :][:7]

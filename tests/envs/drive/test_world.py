@@ -5,7 +5,8 @@ from highway_env.vehicle.kinematics import Vehicle
 
 from olne_bench.envs.drive.cars import ROADS, STEPS
 from olne_bench.envs.drive.nash_traffic import drivable, nash_plan
-from olne_bench.envs.drive.world import NASH, STOCK, DriveWorld
+from olne_bench.envs.drive.setting import NASH, STOCK, DriveSetting
+from olne_bench.envs.drive.world import DriveWorld
 
 SLIGHT = np.array([0.001, 0.2])
 
@@ -22,17 +23,17 @@ def driven(world: DriveWorld, steps: int, control: np.ndarray | None) -> list[np
 
 @pytest.mark.parametrize("road", ROADS)
 def test_the_same_seed_and_controls_make_the_same_drive(road: str) -> None:
-    one, other = (driven(DriveWorld(road, 7, traffic=STOCK), 12, SLIGHT) for _ in range(2))
+    one, other = (driven(DriveWorld(DriveSetting(road, STOCK), 7), 12, SLIGHT) for _ in range(2))
     assert all(np.array_equal(a, b) for a, b in zip(one, other, strict=True))
 
 
 def test_another_seed_makes_another_drive() -> None:
-    one, other = (DriveWorld("highway", seed, traffic=STOCK).states() for seed in (1, 2))
+    one, other = (DriveWorld(DriveSetting("highway", STOCK), seed).states() for seed in (1, 2))
     assert not np.array_equal(one, other)
 
 
 def test_cars_leave_and_others_enter() -> None:
-    world = DriveWorld("two_way", 0, traffic=STOCK, stock_ego=True)
+    world = DriveWorld(DriveSetting("two_way", STOCK), 0, stock_ego=True)
     driven(world, STEPS, None)
     assert world.over
     assert world.counts.left > 0
@@ -42,7 +43,7 @@ def test_cars_leave_and_others_enter() -> None:
 
 
 def test_a_drive_ends_when_the_ego_collides() -> None:
-    world = DriveWorld("highway", 0, traffic=STOCK)
+    world = DriveWorld(DriveSetting("highway", STOCK), 0)
     world._vehicles[0].position = world._vehicles[1].position + 0.5
     world.advance(np.zeros(2))
     assert world.crashed
@@ -55,11 +56,11 @@ def test_right_of_way_is_left_out_where_it_changes_nothing(monkeypatch) -> None:
     monkeypatch.setattr(
         RegulatedRoad, "enforce_road_rules", lambda road: (looked.append(road), rules(road))
     )
-    driven(DriveWorld("intersection", 0, traffic=STOCK), 5, SLIGHT)
+    driven(DriveWorld(DriveSetting("intersection", STOCK), 0), 5, SLIGHT)
     assert looked
 
     looked.clear()
-    quick, whole = (DriveWorld("intersection", 0, traffic=STOCK) for _ in range(2))
+    quick, whole = (DriveWorld(DriveSetting("intersection", STOCK), 0) for _ in range(2))
     for world in (quick, whole):
         road = world.road.road
         for number, one in world._vehicles.items():
@@ -77,27 +78,27 @@ def test_right_of_way_is_left_out_where_it_changes_nothing(monkeypatch) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        ({"name": "motorway"}, "unknown road 'motorway'; known are: highway, merge"),
+        ({"road": "motorway"}, "unknown road 'motorway'; known are: highway, merge"),
         ({"traffic": "none"}, "unknown traffic 'none'; known are: nash, stock"),
         ({"weights": "moderate"}, "unknown weights 'moderate'; known are: temperaments, dirichlet"),
     ],
 )
 def test_unknown_names(arguments: dict[str, str], message: str) -> None:
     with pytest.raises(ValueError, match=message):
-        DriveWorld(**({"name": "highway", "seed": 0} | arguments))  # type: ignore[arg-type]
+        DriveSetting(**({"road": "highway"} | arguments))
 
 
 def test_controls_must_fit_the_ego() -> None:
     with pytest.raises(ValueError, match="finite"):
-        DriveWorld("highway", 0, traffic=STOCK).advance(np.array([0.0, np.nan]))
+        DriveWorld(DriveSetting("highway", STOCK), 0).advance(np.array([0.0, np.nan]))
     with pytest.raises(ValueError, match="unless HighwayEnv"):
-        DriveWorld("highway", 0, traffic=STOCK).advance(None)
+        DriveWorld(DriveSetting("highway", STOCK), 0).advance(None)
 
 
 @pytest.mark.long
 @pytest.mark.parametrize("road", ROADS)
 def test_nash_traffic_drives_its_plans(road: str) -> None:
-    world = DriveWorld(road, 0, traffic=NASH)
+    world = DriveWorld(DriveSetting(road, NASH), 0)
     found = nash_plan(world.cars, world.states(), [None] * len(world.cars))
     assert found is not None
     states, controls = found
@@ -105,6 +106,6 @@ def test_nash_traffic_drives_its_plans(road: str) -> None:
     for step in range(5):
         world.advance(controls[step, 0])
     assert np.allclose(world.states(), states[5], atol=1e-9)
-    again = DriveWorld(road, 0, traffic=NASH)
+    again = DriveWorld(DriveSetting(road, NASH), 0)
     motion = driven(again, 5, controls[0, 0])
     assert np.array_equal(motion[0], states[0])
