@@ -257,8 +257,9 @@ def _samples_of(estimate: Estimate, player: int) -> np.ndarray | None:
         return None
     own = slice(player * count, (player + 1) * count)
     values, vectors = np.linalg.eigh(estimate.covariance[own, own])
+    root = vectors * np.sqrt(np.maximum(values, 0)) @ vectors.T
     drawn = np.random.default_rng([player, 0x5A]).standard_normal((SAMPLES, count + 1))
-    weights = estimate.weights[player] + drawn[:, :-1] * np.sqrt(np.maximum(values, 0)) @ vectors.T
+    weights = estimate.weights[player] + drawn[:, :-1] @ root
     weights = np.maximum(weights, Problem.weight_floor)
     deviations = estimate.parameter_deviations
     spread = 0.0 if deviations is None else float(deviations[player, 0])

@@ -123,8 +123,10 @@ def _drives(traffic: str, table: pd.DataFrame) -> Figure:
 def quarter_figures(table: pd.DataFrame) -> Iterator[tuple[str, Figure]]:
     """Name and figure of a ``quarter_table``: regret of planners by the value of information."""
     parts = table[table["quarter"] != "all"]
-    planners = [name for name in parts["planner"].unique() if name not in _NOT_BY_VALUE]
-    figure, (axes,) = style.grid(["Regret, in hundredths of what standing costs"], _WIDE)
+    known = [name for name in _PLANNER_COLOURS if name not in _NOT_BY_VALUE]
+    others = [name for name in parts["planner"].unique() if name not in _PLANNER_COLOURS]
+    planners = [*others, *(name for name in known if name in set(parts["planner"]))]
+    figure, (axes,) = style.grid([""], _WIDE)
     quarters = sorted(parts["quarter"].unique())
     handles: dict[str, Any] = {}
     for number, name in enumerate(planners):
@@ -142,6 +144,7 @@ def quarter_figures(table: pd.DataFrame) -> Iterator[tuple[str, Figure]]:
         for quarter in quarters
     ]
     axes.set_xticklabels(labels)
+    axes.set_ylabel("Regret [% of what standing costs]")
     axes.set_yscale("symlog", linthresh=1.0)
     axes.yaxis.set_major_formatter(style.plain)
     style.entitle(

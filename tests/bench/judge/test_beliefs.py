@@ -3,13 +3,21 @@
 import numpy as np
 import pytest
 
-from olne_bench.bench.judge.beliefs import EstimatedBeliefs, EstimateRules, UniformBeliefs
+from olne_bench.bench.judge.beliefs import (
+    SAMPLES,
+    EstimatedBeliefs,
+    EstimateRules,
+    PopulationBeliefs,
+    UniformBeliefs,
+)
 from olne_bench.bench.judge.players import Answer, PlayerFault, PlayerTask
 from olne_bench.bench.judge.raw_estimate import read_estimate
-from olne_bench.envs.drive.cars import ROADS, Car, middle_speed, proposed_cars
+from olne_bench.envs.drive.cars import ROADS, Car, middle_speed, prior_of, proposed_cars
 from olne_bench.envs.drive.nash_traffic import HORIZON
+from olne_bench.envs.drive.planner import Mind
 from olne_bench.estimators.protocol import Estimate, Problem
 from olne_bench.games.model.unknowns import Unknown
+from olne_bench.games.model.weight_prior import FLAT
 
 ROAD = ROADS["highway"]
 UNIFORM = np.full(4, 0.25)
@@ -136,3 +144,61 @@ def test_after_a_fault_the_last_estimate_counts(cars: list[Car]) -> None:
     assert beliefs.fault is not None and beliefs.fault.status == "crash"
     assert beliefs.minds(cars)[1].weights[0] == pytest.approx(0.1)
     assert (beliefs.updates, beliefs.failed) == (2, 1)
+
+
+def speed_of(mind: Mind) -> float:
+    return float(mind.player.preferences[1].target)  # type: ignore[attr-defined]
+
+
+def test_samples_of_the_population_are_drivers_of_the_road(cars: list[Car]) -> None:
+    prior = prior_of("temperaments")
+    beliefs = PopulationBeliefs(ROAD, prior)
+    samples = beliefs.samples(cars)
+    assert len(samples) == SAMPLES
+    low, high = ROAD.family.speeds
+    for minds in samples:
+        assert minds[0].weights is cars[0].weights
+        assert all(low <= speed_of(mind) <= high for mind in minds[1:])
+        assert all(mind.weights.sum() == pytest.approx(1.0) for mind in minds)
+    assert len({speed_of(minds[1]) for minds in samples}) == SAMPLES
+    again = beliefs.samples(cars)
+    np.testing.assert_array_equal(samples[3][2].weights, again[3][2].weights)
+    np.testing.assert_allclose(beliefs.minds(cars)[1].weights, prior.mean(4))
+
+
+class SurePlayer(Player):
+    """Says how sure it is."""
+
+    def update(self, sample: np.ndarray) -> Answer:
+        players = len(sample)
+        centred = np.eye(4) - 0.25
+        shape = centred @ np.diag([0.0004, 0.0001, 0.0001, 0.0001]) @ centred
+        estimate = Estimate(
+            weights=np.full((players, 4), 0.25),
+            parameters=np.full((players, 1), 22.0),
+            covariance=np.kron(np.eye(players), shape),
+            parameter_deviations=np.full((players, 1), 0.5),
+        )
+        return Answer(estimate=read_estimate(estimate), seconds=0.0)
+
+
+def test_samples_are_spread_as_the_estimate_says(cars: list[Car]) -> None:
+    beliefs = beliefs_of(SurePlayer())
+    beliefs.see(cars, sample(cars, 0))
+    drawn = beliefs.samples(cars)
+    weights = np.array([[mind.weights for mind in minds[1:]] for minds in drawn])
+    speeds = np.array([[speed_of(mind) for mind in minds[1:]] for minds in drawn])
+    assert np.abs(weights - 0.25).max() < 0.1
+    assert 0.2 < speeds.std() < 0.9
+    np.testing.assert_allclose(weights.sum(axis=-1), 1.0)
+    beliefs.see(cars, sample(cars, 1))
+    np.testing.assert_array_equal(speeds[0, 0], speed_of(beliefs.samples(cars)[0][1]))
+
+
+def test_an_estimate_that_does_not_say_how_sure_it_is_leaves_the_population(
+    cars: list[Car],
+) -> None:
+    beliefs = beliefs_of(Player())
+    beliefs.see(cars, sample(cars, 0))
+    before = PopulationBeliefs(ROAD, FLAT).samples(cars)
+    np.testing.assert_array_equal(beliefs.samples(cars)[2][1].weights, before[2][1].weights)

@@ -46,3 +46,22 @@ def test_standing_at_the_start_costs_one_and_so_does_a_collision(cost) -> None:
     beyond = stands + np.array([0, 50.0, 0, 0])
     assert ego.of_step(beyond[None], np.zeros(2)) > ego.of_step(stands[None], np.zeros(2))
     assert ego.share(beyond[None], np.zeros(2)) == 1.0
+
+
+def test_the_cost_of_plans_is_that_of_their_steps_until_cars_overlap(cost) -> None:
+    ego, state = cost
+    slow = state - np.array([0, 0, 0, 3.0])
+    aside, on_top = slow + np.array([0, 8.0, 0, 0]), slow + np.array([0.5, 0, 0, 0])
+    free = np.stack([np.stack([slow, aside])] * 5)
+    hit = free.copy()
+    hit[2, 1] = on_top
+    controls = np.zeros((4, 2))
+    costs = ego.of_plans(np.stack([free, hit]), np.stack([controls] * 2))
+    step, touching = ego.share(free[0], controls[0]), ego.share(hit[2], controls[0])
+    assert costs[0] == pytest.approx(step)
+    assert costs[1] == pytest.approx((2 * step + 2) / 4)
+    assert touching > step
+    drive = ego.of_drive(list(hit[:3]), list(controls[:2]), crashed=True, steps=4)
+    assert costs[1] == pytest.approx(drive)
+    alone = ego.share(free[0, :1], controls[0])
+    assert ego.of_plans(free[:, :1], controls) == pytest.approx(alone)  # nobody is there
