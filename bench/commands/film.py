@@ -27,9 +27,12 @@ def film(road: str, out: Path, suite: str, planner: str, seed: int, memory: floa
     check_format(out)
     drive = _drive(road, suite, planner, seed)
     frames: list[np.ndarray] = []
+    caption = f"{road}, draw {seed}: {planner} drives"
     player = PlayerProcess(memory=int(memory * 2**30), hidden=None)
     try:
-        row = driven(drive, player, lambda *now: frames.append(picture(*now)))
+        row = driven(
+            drive, player, lambda world, plan: frames.append(picture(world, plan, caption))
+        )
     except NoDriveError as error:
         raise UserError(str(error)) from error
     finally:

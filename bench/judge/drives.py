@@ -121,7 +121,7 @@ def judge(trial: Trial, staff: Staff) -> Outcome:
 
 def driven(trial: Trial, player: StreamPlayer, watch: Watch | None = None) -> DriveRow:
     """Let a planner drive, or raise ``NoDriveError`` if the seed has no start."""
-    drive = _Drive(trial, player, watch is not None)
+    drive = _Drive(trial, player)
     while not drive.world.over:
         drive.cycle(watch)
     if watch is not None:
@@ -132,12 +132,10 @@ def driven(trial: Trial, player: StreamPlayer, watch: Watch | None = None) -> Dr
 class _Drive:
     """One drive and its log."""
 
-    def __init__(self, trial: Trial, player: StreamPlayer, pictures: bool) -> None:
+    def __init__(self, trial: Trial, player: StreamPlayer) -> None:
         self._trial = trial
         stock = trial.reference == STOCK
-        self.world = DriveWorld(
-            setting(trial.scenario), trial.seed, stock_ego=stock, pictures=pictures
-        )
+        self.world = DriveWorld(setting(trial.scenario), trial.seed, stock_ego=stock)
         self._noise = stream(trial.salt, "drive", *_paired(trial))
         self._beliefs = _beliefs(trial, player)
         self._planner = _planner(trial, self.world.cars[0])

@@ -90,7 +90,7 @@ class Others:
         """What is planned at states (N, 4) by each guess, near other plans.
 
         The guesses ``from_scratch`` do not look near these; nor does anybody without them. Where
-        nothing is found, all go straight on.
+        nothing is found, all do as in the first guess, and straight on in that one.
         """
         count = len(self._theta)
         if near is None:
@@ -110,9 +110,9 @@ class Others:
             parts = found.states, found.controls, found.costates
         elif keep:
             return
-        else:
-            straight = self._straight_on(states, 1)
-            parts = straight.states[0], straight.controls[0], straight.costates[0]
+        else:  # as the first guess does, or straight on
+            other = plans.one(0) if index else self._straight_on(states, 1)
+            parts = other.states[0], other.controls[0], other.costates[0]
         for own, part in zip((plans.states, plans.controls, plans.costates), parts, strict=True):
             own[index] = part
 

@@ -1,32 +1,99 @@
-"""Pictures of a drive as HighwayEnv draws it, with what the ego expects drawn ahead of the cars."""
+"""Pictures of a drive from above: cars to scale, the ego's plan, and what it expects of others."""
+
+from typing import Any
 
 import numpy as np
-from PIL import Image, ImageDraw
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch, Polygon
 
+from olne_bench.envs.drive.cars import STEP
 from olne_bench.envs.drive.planner import EgoPlan
 from olne_bench.envs.drive.world import DriveWorld
+from olne_bench.envs.roads.road_shapes import lane_shapes
+from olne_bench.envs.worlds.scene import car_outline
 
-#: Colours of the ego's plan and of predictions, and of the cars.
-PLAN, PREDICTION = (0, 90, 200), (200, 30, 30)
-_EGO, _OTHERS = (50, 140, 255), (255, 170, 60)
-_EVERY = 2  # steps between dots
-_RADIUS = 3  # of a dot [pixels]
+_EGO, _OTHER, _EXPECTED, _HIT = "#0a5ab4", "#5b6470", "#c8421f", "#d40000"
+_ASPHALT = "#E3E5E8"
+#: What is shown around the ego along a road that goes on, and around the middle of others [m].
+_BEHIND, _AHEAD, _BESIDE, _TOWN = 35.0, 75.0, 12.0, (52.0, 44.0)
+_SECOND = round(1.0 / STEP)
+_DPI = 100
 
 
-def picture(world: DriveWorld, plan: EgoPlan | None) -> np.ndarray:
-    """One frame (height, width, 3) uint8 of a drive; only its cars where there is no plan."""
-    for place, vehicle in enumerate(world.road.road.vehicles):
-        vehicle.color = _OTHERS if place else _EGO
-    frame = world.road.render()
-    assert frame is not None and world.road.viewer is not None
-    if plan is None:
-        return frame
-    image = Image.fromarray(frame)
-    draw = ImageDraw.Draw(image)
-    surface = world.road.viewer.sim_surface
+def picture(world: DriveWorld, plan: EgoPlan | None, caption: str) -> np.ndarray:
+    """One frame (height, width, 3) uint8 of a drive; only its cars where there is no plan.
+
+    The caption's first part says who drives where.
+    """
+    states, moving = world.states(), world.moving
+    figure = Figure(figsize=(9.0, 3.0) if moving else (9.0, 8.3), dpi=_DPI)
+    canvas = FigureCanvasAgg(figure)
+    figure.subplots_adjust(left=0.01, right=0.99, top=0.99 - 0.3 / figure.get_figheight())
+    figure.subplots_adjust(bottom=0.42 / figure.get_figheight())
+    axes = figure.subplots()
+    _road(axes, world, states[0])
+    if plan is not None:
+        _expected(axes, plan)
+    for place, state in enumerate(states):
+        colour = _OTHER if place else _HIT if world.crashed else _EGO
+        outline = car_outline(state)
+        axes.add_patch(Polygon(outline, facecolor=colour, edgecolor="white", zorder=4))
+    x, y = states[0, :2]
+    axes.text(x, y, "ego", ha="center", va="center", fontsize=9, color="white", zorder=5)
+    end = "  collision" if world.crashed else ""
+    title = f"{caption}   {world.step * STEP:4.1f} s, {states[0, 3]:4.1f} m/s{end}"
+    axes.set_title(title, loc="left", fontsize=11, pad=4)
+    figure.legend(handles=_keys(plan), loc="lower center", ncols=5, frameon=False, fontsize=10)
+    canvas.draw()  # type: ignore[no-untyped-call]
+    return np.asarray(canvas.buffer_rgba())[..., :3].copy()  # type: ignore[no-untyped-call]
+
+
+def _road(axes: Axes, world: DriveWorld, ego: np.ndarray) -> None:
+    """The lanes around an ego in a state (4,)."""
+    low, high = -np.array(_TOWN), np.array(_TOWN)
+    if world.moving:
+        low, high = ego[0] - np.array([_BEHIND, 50.0]), ego[0] + np.array([_AHEAD, 50.0])
+        low[1], high[1] = -50.0, 50.0
+    shapes = lane_shapes(world.setting.road, low - 10, high + 10)
+    lanes = [np.vstack([shape.edges[0], shape.edges[1][::-1]]) for shape in shapes]
+    if world.moving:
+        across = np.concatenate(lanes)[:, 1]
+        middle = (across.min() + across.max()) / 2
+        low[1], high[1] = middle - _BESIDE, middle + _BESIDE
+    axes.add_collection(PolyCollection(lanes, facecolor=_ASPHALT, edgecolor="white", zorder=0.5))
+    # As HighwayEnv draws its roads: y grows downwards.
+    axes.set(xlim=(low[0], high[0]), ylim=(high[1], low[1]), aspect="equal", xticks=[], yticks=[])
+    axes.spines[:].set_visible(False)
+
+
+def _expected(axes: Axes, plan: EgoPlan) -> None:
+    """Lines with a dot each second; thin ones with bars for each guess at the others' minds."""
+    for motion in () if plan.guesses is None else plan.guesses:
+        for place in range(1, motion.shape[1]):
+            way = motion[:, place, :2].T
+            axes.plot(*way, color=_EXPECTED, linewidth=0.8, alpha=0.35, zorder=2)
+            axes.plot(*way[:, _SECOND::_SECOND], "|", color=_EXPECTED, alpha=0.6, zorder=2)
     for place in range(len(plan.numbers) - 1, -1, -1):  # the ego's plan on top
-        for state in plan.states[_EVERY::_EVERY, place]:
-            x, y = surface.vec2pix(state[:2])
-            box = (x - _RADIUS, y - _RADIUS, x + _RADIUS, y + _RADIUS)
-            draw.ellipse(box, fill=PREDICTION if place else PLAN)
-    return np.asarray(image)
+        colour = _EXPECTED if place else _EGO
+        way = plan.states[:, place, :2].T
+        axes.plot(*way, color=colour, linewidth=2, zorder=3)
+        axes.plot(*way[:, _SECOND::_SECOND], "o", color=colour, markersize=4, zorder=3)
+
+
+def _keys(plan: EgoPlan | None) -> list[Patch | Line2D]:
+    keys: list[Patch | Line2D] = [
+        Patch(facecolor=_EGO, label="ego"),
+        Patch(facecolor=_OTHER, label="other car"),
+    ]
+    if plan is not None:
+        dots: dict[str, Any] = {"marker": "o", "markersize": 4}
+        keys.append(Line2D([], [], color=_EGO, label="its plan, a dot each second", **dots))
+        keys.append(Line2D([], [], color=_EXPECTED, label="what it expects", **dots))
+        if plan.guesses is not None:
+            bars: dict[str, Any] = {"marker": "|", "linewidth": 0.8}
+            keys.append(Line2D([], [], color=_EXPECTED, label="its guesses", **bars))
+    return keys

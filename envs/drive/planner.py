@@ -63,6 +63,7 @@ class EgoPlan:
     controls: np.ndarray  # (T-1, N, 2)
     costates: np.ndarray  # (T-1, N, 4)
     kind: str  # how it was found
+    guesses: np.ndarray | None = None  # (S, T, N, 4) by guesses at the others' minds
 
     @property
     def control(self) -> np.ndarray:

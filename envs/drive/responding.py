@@ -95,13 +95,13 @@ class RespondingPlanner(Planner):
         others = Others(road, ego, self._seen, every, self._straight_on)
         plans, left = self._planned(others, numbers, states, len(every))
         probable = Others(road, ego, self._seen, every[:1], self._straight_on)
-        ways = self._ways(game, probable, plans.one(0), left, states[0])
+        ways, guesses = self._ways(game, probable, plans.one(0), left, states[0]), None
         if self._guesses:
             motion, controls = others.played(plans, _apart(ways, _COMPARED), left)
             costs = self._branched(game, motion, controls)[1:].mean(axis=0)
-            ways = _Ways(motion[0], controls[0], costs)
+            ways, guesses = _Ways(motion[0], controls[0], costs), motion[1:, int(np.argmin(costs))]
         own, inputs = ways.best
-        return EgoPlan(numbers, own, inputs, np.zeros_like(own[1:]), _kind(own))
+        return EgoPlan(numbers, own, inputs, np.zeros_like(own[1:]), _kind(own), guesses)
 
     def _planned(
         self, others: Others, numbers: tuple[int, ...], states: np.ndarray, count: int

@@ -49,7 +49,7 @@ class DriveCounts:
 
 
 class DriveWorld:
-    """One drive: its cars, the ego first, and HighwayEnv's environment ``road``, for pictures.
+    """One drive: its cars, the ego first, and HighwayEnv's environment ``road``.
 
     It is over once the ego has ``crashed``. ``value`` is an encounter's value of information.
     """
@@ -60,7 +60,6 @@ class DriveWorld:
         seed: int,
         *,
         stock_ego: bool = False,
-        pictures: bool = False,
     ) -> None:
         """Draw the start of the drive that the seed identifies, or raise NoDriveError.
 
@@ -73,7 +72,7 @@ class DriveWorld:
         self._nash = NashTraffic(first.plan, ego_seen(setting))
         self.step, self.crashed = 0, False
         self.counts = DriveCounts(plans=self._nash.counts)
-        self.road: PlayersOnly = make_road(setting.road, "rgb_array" if pictures else None)
+        self.road: PlayersOnly = make_road(setting.road)
         self.road.road.np_random = np.random.RandomState(seed % 2**32)
         self.cars = list(first.cars)
         self._origin = self.cars[0].start[0]
@@ -85,6 +84,11 @@ class DriveWorld:
         """(N, 4) states of the cars."""
         vehicles = [self._vehicles[car.number] for car in self.cars]
         return np.array([[*one.position, one.heading, one.speed] for one in vehicles])
+
+    @property
+    def moving(self) -> bool:
+        """Whether the road goes on, along x."""
+        return self._settings.moving
 
     @property
     def over(self) -> bool:
@@ -149,10 +153,8 @@ class DriveWorld:
         return Vehicle(road, [float(px), float(py)], float(heading), float(speed))
 
     def _show(self) -> None:
-        """Tell the simulator who is on the road, and pictures whom to follow."""
-        ego = self._vehicles[0]
+        """Tell the simulator who is on the road."""
         self.road.road.vehicles = [self._vehicles[car.number] for car in self.cars]
-        self.road.controlled_vehicles = [ego]
 
     def _clear(self) -> None:
         """Take others that have collided off the road."""

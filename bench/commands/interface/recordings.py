@@ -193,7 +193,7 @@ def estimate() -> None:
 @shown(
     "--suite",
     default="driving",
-    help="Suite of drives that says traffic, noise and rules, such as driving_stock.",
+    help="Suite of drives that says traffic, noise and rules, such as encounters.",
 )
 @shown("--planner", default="oracle", help="Who drives the ego.")
 @shown("--seed", type=click.IntRange(0, 10**6), default=0)
