@@ -18,7 +18,7 @@ from olne_bench.bench.plan.entries import (
     ScenarioEntry,
     SensorEntry,
 )
-from olne_bench.bench.plan.kinds import Rules, StudyKind
+from olne_bench.bench.plan.kinds import REFERENCES, Rules, StudyKind
 from olne_bench.bench.plan.learn import Describe, describe_here, learn
 from olne_bench.bench.plan.outcome import OUTCOME_COLUMNS
 from olne_bench.bench.plan.suite import CHANGED, Suite
@@ -171,6 +171,9 @@ def check_suite(suite: Suite) -> None:
     for estimator in suite.estimators:
         complaint = f"estimator {estimator.label!r} is limited to an unknown scenario"
         _named(complaint, [*estimator.scenarios, *estimator.seeds_in], labels)
+    planners = [*(entry.label for entry in suite.estimators), *REFERENCES[suite.kind]]
+    for pair in suite.rules.contrasts:
+        _named("rule contrasts names an unknown planner", pair, planners)
     _check_seeds(suite)
     number = number_of_trials(suite)
     if number > MOST_TRIALS:

@@ -91,7 +91,7 @@ def check_kind(suite: Suite) -> None:
 def _check_drives(suite: Suite) -> None:
     # It imports HighwayEnv, which takes longer than all else.
     from olne_bench.envs.drive.cars import ROADS
-    from olne_bench.envs.drive.setting import OPTIONS, DriveSetting
+    from olne_bench.envs.drive.setting import OPTIONS
 
     for road in suite.scenarios:
         if road.name not in ROADS or road.trajectories > 1:
@@ -105,18 +105,28 @@ def _check_drives(suite: Suite) -> None:
                 raise UserError(
                     f"scenario {road.label!r}: option {name} = {value!r}; drives have {choice}"
                 )
-        try:
-            setting = DriveSetting(road.name, **road.options)
-        except ValueError as error:
-            raise UserError(f"scenario {road.label!r}: {error}") from error
-        if suite.rules.window > setting.steps:
-            raise UserError(
-                f"rule window = {suite.rules.window}: a drive of scenario {road.label!r} has "
-                f"{setting.steps} samples"
-            )
+        _check_drive(suite, road)
     for sensor in suite.sensors:
         if [layer.name for layer in sensor.layers] != ["full"]:
             raise UserError(f"sensor {sensor.label!r}: in a study of drives it is 'full'")
+
+
+def _check_drive(suite: Suite, road: ScenarioEntry) -> None:
+    """Check the setting of a road's drives, and what is asked of their planners."""
+    from olne_bench.envs.drive.setting import KNOWN, DriveSetting
+
+    try:
+        setting = DriveSetting(road.name, **road.options)
+    except ValueError as error:
+        raise UserError(f"scenario {road.label!r}: {error}") from error
+    if suite.rules.window > setting.steps:
+        raise UserError(f"rule window = {suite.rules.window}: a drive has {setting.steps} samples")
+    planning = next((entry for entry in suite.estimators if entry.planning), None)
+    if planning is not None and setting.ego == KNOWN:
+        raise UserError(
+            f"estimator {planning.label!r} has planning = {planning.planning!r}, which needs "
+            f"others that do not know the ego; scenario {road.label!r} has ego = {KNOWN!r}"
+        )
 
 
 def _check_lag(scenario: ScenarioEntry, lag: int) -> None:

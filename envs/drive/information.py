@@ -1,8 +1,9 @@
-"""What knowing the others is worth to an ego at the start of a drive, before it drives.
+"""What knowing the others is worth to an ego, before it meets them.
 
-A plan of the ego that was made for others of plausible weights and target speeds costs it more,
-among the true ones with their reaction, than the best plan. The mean of that, over what is
-plausible, is the value of information. Costs are those of ``EgoCost`` over the 4 s of a plan:
+An ego that takes the others for something plausible, and never learns better, pays more than one
+that knows them. The mean of that, over what is plausible, is the value of information. For a whole
+encounter it is found by driving it (``value_of_information``); for its first plan alone, which is
+quick, the ego follows that plan for 4 s (``loss_of_first_plan``). Costs are those of ``EgoCost``:
 shares of what it costs to stand, and one for each step after a collision.
 """
 
@@ -10,49 +11,90 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from olne_bench.envs.drive.cars import Car, DriveRoad, EgoCost, drawn_weights
+from olne_bench.envs.drive.cars import MOTION, STEP, Car, DriveRoad, EgoCost, drawn_weights
 from olne_bench.envs.drive.ego_seen import EgoSeen
-from olne_bench.envs.drive.nash_traffic import REPLAN
+from olne_bench.envs.drive.footprint import gap
+from olne_bench.envs.drive.nash_traffic import REPLAN, NashTraffic
 from olne_bench.envs.drive.others import Others
 from olne_bench.envs.drive.planner import Mind
 from olne_bench.envs.drive.responding import RespondingPlanner
 from olne_bench.envs.roads.road_scenario import with_target
+from olne_bench.games.model.dynamics import rollout
 
-#: Sets of weights and target speeds of the others that an ego might plan for.
-PLAUSIBLE = 6
+#: Sets of weights and target speeds of the others that an ego might believe in.
+PLAUSIBLE = 5
 
 
-def value_of_information(
-    cars: Sequence[Car], road: DriveRoad, seen: EgoSeen, kind: str, rng: np.random.Generator
-) -> float:
-    """The value, at least 0, to the ego, the first car, which the others take for what is seen.
+def plausible_minds(
+    cars: Sequence[Car], road: DriveRoad, kind: str, rng: np.random.Generator
+) -> list[list[Mind]]:
+    """The true minds, and plausible ones: weights of this ``kind`` and the road's speeds."""
+    truth = [Mind(car.number, car.player, car.weights) for car in cars]
+    found = [truth]
+    for _ in range(PLAUSIBLE):
+        others = [
+            Mind(
+                car.number,
+                with_target(car.player, rng.uniform(*road.family.speeds)),
+                drawn_weights(rng, kind),
+            )
+            for car in cars[1:]
+        ]
+        found.append([truth[0], *others])
+    return found
 
-    ``rng`` draws what is plausible: weights of this ``kind`` (``WEIGHTS``) and the road's speeds.
+
+def loss_of_first_plan(
+    cars: Sequence[Car], road: DriveRoad, seen: EgoSeen, guesses: Sequence[Sequence[Mind]]
+) -> float | None:
+    """Mean cost of first plans for other guesses than the first, the truth, less the least.
+
+    The ego is the first car, which the others take for what is seen. None if every plan collides.
     """
     states = np.stack([car.start for car in cars])
-    truth = [Mind(car.number, car.player, car.weights) for car in cars]
-    guesses = [truth, *(_plausible(cars, road, kind, rng) for _ in range(PLAUSIBLE))]
-    own = np.stack([_planned(road, cars[0], seen, minds, states) for minds in guesses])
-    others = Others(road, cars[0], seen, [truth])
+    plans = [RespondingPlanner(road, cars[0], seen).plan(one, states) for one in guesses]
+    own = np.stack([plan.controls[:, 0] for plan in plans])
+    others = Others(road, cars[0], seen, guesses[:1])
     motion, controls = others.played(others.first_planned(states), own, REPLAN)
+    if (gap(motion[0, :, 1:, :1], motion[0, :, 1:, 1:]).min(axis=(1, 2)) <= 0).all():
+        return None
     costs = EgoCost(cars[0]).of_plans(motion[0], controls[0, :, :, 0])
     return float(costs[1:].mean() - costs.min())
 
 
-def _planned(
-    road: DriveRoad, ego: Car, seen: EgoSeen, minds: Sequence[Mind], states: np.ndarray
-) -> np.ndarray:
-    """The ego's controls (T-1, 2) in its first plan."""
-    planner = RespondingPlanner(road, ego, seen)
-    return planner.plan(minds, states).controls[:, 0]
+def value_of_information(
+    cars: Sequence[Car],
+    plan: tuple[np.ndarray, np.ndarray],
+    road: DriveRoad,
+    seen: EgoSeen,
+    guesses: Sequence[Sequence[Mind]],
+    steps: int,
+) -> float:
+    """Mean cost of drives by other guesses than the first, the truth, less that of this one.
+
+    The others begin with their plan: states (T, N, 4) and controls (T-1, N, 2).
+    """
+    costs = [_cost_of_drive(cars, plan, road, seen, minds, steps) for minds in guesses]
+    return float(np.mean(costs[1:]) - costs[0])
 
 
-def _plausible(
-    cars: Sequence[Car], road: DriveRoad, kind: str, rng: np.random.Generator
-) -> list[Mind]:
-    ego, *others = cars
-    minds = [Mind(ego.number, ego.player, ego.weights)]
-    for car in others:
-        player = with_target(car.player, rng.uniform(*road.family.speeds))
-        minds.append(Mind(car.number, player, drawn_weights(rng, kind)))
-    return minds
+def _cost_of_drive(
+    cars: Sequence[Car],
+    plan: tuple[np.ndarray, np.ndarray],
+    road: DriveRoad,
+    seen: EgoSeen,
+    minds: Sequence[Mind],
+    steps: int,
+) -> float:
+    """What the ego pays for so many steps if it believes in these minds."""
+    traffic, planner = NashTraffic(plan, seen), RespondingPlanner(road, cars[0], seen)
+    motion, controls = [np.stack([car.start for car in cars])], []
+    for step in range(steps):
+        states = motion[-1]
+        if step % REPLAN == 0:
+            traffic.plan(cars, states)
+        others = [traffic.control(*one) for one in zip(cars[1:], states[1:], strict=True)]
+        controls.append(np.stack([planner.plan(minds, states).control, *others]))
+        motion.append(rollout(MOTION, states, controls[-1][None], STEP)[1])
+    own = np.stack(controls)[:, 0]
+    return float(EgoCost(cars[0]).of_plans(np.stack(motion), own))

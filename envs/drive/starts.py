@@ -1,9 +1,9 @@
 """How a drive begins: the first proposal of its seed that can be driven, or an encounter.
 
 An encounter is an ego and two others, of whom one would be in its way if each drove as on an empty
-road. Of the proposals of a seed, the first eight of these that can be driven are sorted by the
-value of information (``envs.drive.information``); the seed's number says from which quarter of them
-the encounter is, so that studies have as many of each.
+road. Of the proposals of a seed, the first eight of these that can be driven are sorted by what a
+first plan for other minds loses (``envs.drive.information``); the seed's number says from which
+quarter of them the encounter is, so that studies have many values of information.
 """
 
 from collections.abc import Iterator
@@ -16,8 +16,13 @@ import numpy as np
 from olne_bench.envs.drive.cars import ROADS, Car, DriveRoad, drive_game, proposed_cars
 from olne_bench.envs.drive.ego_seen import AverageEgo, EgoSeen, LearntEgo
 from olne_bench.envs.drive.footprint import gap, gaps
-from olne_bench.envs.drive.information import value_of_information
+from olne_bench.envs.drive.information import (
+    loss_of_first_plan,
+    plausible_minds,
+    value_of_information,
+)
 from olne_bench.envs.drive.nash_traffic import HORIZON, drivable, nash_plan, plan_apart
+from olne_bench.envs.drive.planner import Mind
 from olne_bench.envs.drive.setting import AVERAGE, ENCOUNTER, KNOWN, STOCK, DriveSetting
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.solve.best_response import grown_plans
@@ -44,6 +49,15 @@ class FirstCars(NamedTuple):
     cars: tuple[Car, ...]
     plan: Plan | None
     value: float | None = None
+
+
+class _Start(NamedTuple):
+    """How an encounter might begin."""
+
+    loss: float  # of a first plan for other minds
+    cars: tuple[Car, ...]
+    plan: Plan
+    guesses: list[list[Mind]]
 
 
 def ego_seen(setting: DriveSetting) -> EgoSeen:
@@ -79,13 +93,17 @@ def _encounter(setting: DriveSetting, seed: int) -> FirstCars:
         rng = rng_of(setting.road, seed, 1, attempt)
         if (plan := _others_plan(setting, cars, states)) is None:
             continue
-        value = value_of_information(cars, road, ego_seen(setting), setting.weights, rng)
-        pool.append(FirstCars(cars, plan, value))
+        seen, guesses = ego_seen(setting), plausible_minds(cars, road, setting.weights, rng)
+        loss = loss_of_first_plan(cars, road, seen, guesses)
+        if loss is not None:
+            pool.append(_Start(loss, cars, plan, guesses))
         if len(pool) == _POOL:
-            pool.sort(key=lambda one: one.value or 0.0)
+            pool.sort(key=lambda one: one.loss)
             each = _POOL // QUARTERS
-            chosen = rng_of(setting.road, seed, 2).integers(each)
-            return pool[seed % QUARTERS * each + int(chosen)]
+            chosen = int(rng_of(setting.road, seed, 2).integers(each))
+            _, cars, plan, guesses = pool[seed % QUARTERS * each + chosen]
+            told = cars, plan, road, ego_seen(setting), guesses, setting.steps
+            return FirstCars(cars, plan, value_of_information(*told))
     raise _no_drive(setting, seed)
 
 

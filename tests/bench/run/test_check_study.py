@@ -5,7 +5,7 @@ import pytest
 from olne_bench.bench.commands.cli import main
 from olne_bench.bench.plan.entries import ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.load import load_suite
-from olne_bench.bench.run.check_study import check_fit, check_priors, misfit
+from olne_bench.bench.run.check_study import check_fit, check_kind, check_priors, misfit
 from olne_bench.errors import UserError
 
 UNFIT = {"label": "odd", "stack": ["partial", {"name": "range_bearing"}, "partial"]}
@@ -140,3 +140,49 @@ def test_published_weights_of_this_package_are_asked_here(monkeypatch, tmp_path)
     path.write_text(path.read_text().replace("two_player", "highway_overtaking"))
     with pytest.raises(UserError, match="'map' cannot be run in scenario 'highway_overtaking'"):
         check_priors(load_suite(str(path)))
+
+
+DRIVES = """
+name = "mine"
+kind = "{kind}"
+sensors = ["full"]
+sigmas = [0.1]
+seeds = 1
+estimators = [{{ name = "map"{planning} }}]
+scenarios = [{{ name = "{road}"{options} }}]
+rules = {{ {rules} }}
+"""
+MEETING = ', options = { scene = "encounter", ego = "average" }'
+HEDGED = ', planning = "contingency"'
+
+
+def drives(tmp_path, kind="drives", planning="", road="merge", options="", rules=""):
+    path = tmp_path / "mine.toml"
+    given = {"planning": planning, "options": options, "rules": rules}
+    path.write_text(DRIVES.format(kind=kind, road=road, **given))
+    return load_suite(str(path))
+
+
+def test_encounters_with_a_plan_for_guesses_fit(tmp_path) -> None:
+    rules = 'contrasts = [["map", "uniform"]]'
+    check_kind(drives(tmp_path, planning=HEDGED, options=MEETING, rules=rules))
+
+
+@pytest.mark.parametrize(
+    ("given", "message"),
+    [
+        ({"planning": HEDGED}, "scenario 'merge' has ego = 'known'"),
+        ({"options": ', options = { scene = "encounter" }'}, "needs ego = 'average' or 'learnt'"),
+        ({"options": ', options = { ego = "famous" }'}, "option ego = 'famous'; drives have"),
+        ({"rules": 'contrasts = [["map", "nobody"]]'}, "unknown planner 'nobody'"),
+        ({"options": MEETING, "rules": "window = 41"}, "window = 41: a drive has 40 samples"),
+    ],
+)
+def test_drives_that_cannot_be_driven_are_refused(tmp_path, given, message) -> None:
+    with pytest.raises(UserError, match=message):
+        check_kind(drives(tmp_path, **given))
+
+
+def test_only_the_ego_of_a_drive_plans(tmp_path) -> None:
+    with pytest.raises(UserError, match="planning = 'contingency', in a study of trials"):
+        drives(tmp_path, kind="trials", planning=HEDGED)

@@ -13,10 +13,16 @@ SETTING = DriveSetting("highway", scene=ENCOUNTER, ego=AVERAGE)
 
 @pytest.fixture(autouse=True)
 def values(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Values 7, 0, 5, ... of the proposals of a seed in turn, without their computation."""
+    """Losses 7, 0, 5, ... of the proposals of a seed in turn, which are their values, too."""
     first_cars.cache_clear()
     numbers = itertools.cycle([7.0, 0.0, 5.0, 2.0, 6.0, 1.0, 4.0, 3.0])
-    monkeypatch.setattr(starts, "value_of_information", lambda *_: next(numbers))
+    losses: dict[int, float] = {}
+
+    def loss(cars, *_):
+        return losses.setdefault(id(cars), next(numbers))
+
+    monkeypatch.setattr(starts, "loss_of_first_plan", loss)
+    monkeypatch.setattr(starts, "value_of_information", lambda cars, *_: losses[id(cars)])
 
 
 @pytest.mark.parametrize("seed", range(4))
