@@ -21,7 +21,7 @@ _ASPHALT = "#E3E5E8"
 #: What is shown around the ego along a road that goes on, and around the middle of others [m].
 _BEHIND, _AHEAD, _BESIDE, _TOWN = 35.0, 75.0, 12.0, (52.0, 44.0)
 _SECOND = round(1.0 / STEP)
-_DPI = 100
+_DPI = 80
 
 
 def picture(world: DriveWorld, plan: EgoPlan | None, caption: str) -> np.ndarray:
