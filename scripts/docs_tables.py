@@ -194,23 +194,14 @@ def encounters() -> pd.DataFrame:
     table[regret.columns] = regret.where(regret.abs() > 1e-9, 0.0)
     hits = table["collisions"].astype(str) + " of " + table["drives"].astype(str)
     cells = [f"{own}, {hit}" for own, hit in zip(_cells(table, "regret[.2f]"), hits, strict=True)]
-    return _pivot(table, cells, "planner", "quarter")
-
-
-def contrasts() -> pd.DataFrame:
-    """Suite ``encounters``: what was to be tested, p-values after Holm."""
-    table = _csv("encounters", "tests")
-    table["difference"] *= 100
-    shown = table["difference"].map("{:.2f}".format) + ", p " + pd.Series(_cells(table, "p_holm"))
-    pairs = table["column"] + ": " + table["planner"] + " - " + table["other"]
-    return _pivot(table.assign(contrast=pairs), list(shown), "contrast", "quarter")
+    return _pivot(table, cells, "planner", "quarter")[["1", "4", "all"]]
 
 
 TABLES: dict[str, Callable[[], pd.DataFrame]] = {
     table.__name__: table
     for table in (
         paper, damage, road_scores, constrained, claims, identified,
-        learned_errors, online, people, encounters, contrasts,
+        learned_errors, online, people, encounters,
     )
 }  # fmt: skip
 
