@@ -194,7 +194,8 @@ def encounters() -> pd.DataFrame:
     table[regret.columns] = regret.where(regret.abs() > 1e-9, 0.0)
     hits = table["collisions"].astype(str) + " of " + table["drives"].astype(str)
     cells = [f"{own}, {hit}" for own, hit in zip(_cells(table, "regret[.2f]"), hits, strict=True)]
-    return _pivot(table, cells, "planner", "quarter")[["1", "4", "all"]]
+    shown = _pivot(table, cells, "planner", "quarter")[["1", "4"]].drop(index=["ppo", "stock"])
+    return shown.set_axis(["Quarter 1, least value", "Quarter 4, most value"], axis=1)
 
 
 TABLES: dict[str, Callable[[], pd.DataFrame]] = {

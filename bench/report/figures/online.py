@@ -126,7 +126,7 @@ def quarter_figures(table: pd.DataFrame) -> Iterator[tuple[str, Figure]]:
     known = [name for name in _PLANNER_COLOURS if name not in _NOT_BY_VALUE]
     others = [name for name in parts["planner"].unique() if name not in _PLANNER_COLOURS]
     planners = [*others, *(name for name in known if name in set(parts["planner"]))]
-    figure, (axes,) = style.grid([""], _WIDE)
+    figure, (axes,) = style.grid(["Over all roads"], _WIDE)
     quarters = sorted(parts["quarter"].unique())
     handles: dict[str, Any] = {}
     for number, name in enumerate(planners):
