@@ -66,3 +66,14 @@ def test_the_least_recently_used_go(kept) -> None:
     assert kept.read("2") is not None  # now the latest
     kept.write("5", CONTENT)
     assert sorted(path.name for path in kept.folder.iterdir()) == ["2", "4", "5"]
+
+
+@pytest.mark.parametrize("shared", [False, True])
+def test_only_what_is_shared_is_read_from_the_folders_of_others(
+    shared: bool, kept, monkeypatch, tmp_path: Path
+) -> None:
+    kept.write("a", CONTENT)
+    monkeypatch.setenv("OLNE_BENCH_SHARED_CACHE", str(tmp_path / "cache"))
+    monkeypatch.setenv("OLNE_BENCH_CACHE", str(tmp_path / "own"))
+    own = KeptFiles("-things", most_bytes=160, shared=shared)
+    assert own.read("a") == (CONTENT if shared else None)

@@ -36,9 +36,7 @@ class _Known:
 
     weights: np.ndarray  # (4,) of its preferences
     speed: float  # target speed [m/s]
-    samples: (
-        np.ndarray | None
-    )  # (S, 5) of both, weights first; None if it does not say how sure it is
+    samples: np.ndarray | None  # (S, 5) of both, weights first; None where it gives none
     worth: int  # number of samples that it was made from, and of those before
 
 

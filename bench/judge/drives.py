@@ -171,7 +171,8 @@ class _Drive:
             return None, self._driver.control(samples)
         self._beliefs.see(cars, samples)
         minds = self._beliefs.minds(cars)
-        if isinstance(self._planner, RespondingPlanner) and _is_sampled(self._trial):
+        sampled = _planning(self._trial) in (CONTINGENCY, EXPECTED)
+        if isinstance(self._planner, RespondingPlanner) and sampled:
             plan = self._planner.plan(minds, samples, self._beliefs.samples(cars))
         else:
             plan = self._planner.plan(minds, samples)
@@ -252,20 +253,18 @@ def _beliefs(trial: Trial, player: StreamPlayer) -> Beliefs:
 
 def _planner(trial: Trial, ego: Car) -> Planner:
     """How the ego plans."""
-    known, planning = setting(trial.scenario), trial.estimator.planning
-    straight_on = trial.reference == CONSTANT_VELOCITY
+    known, straight_on = setting(trial.scenario), trial.reference == CONSTANT_VELOCITY
     if known.ego == KNOWN:
         return StraightOnPlanner() if straight_on else GamePlanner()
-    road = ROADS[known.road]
-    contingent = planning == CONTINGENCY or (trial.reference == POPULATION and not planning)
+    road, contingent = ROADS[known.road], _planning(trial) == CONTINGENCY
     seen = AverageEgo(road)
     return RespondingPlanner(road, ego, seen, straight_on=straight_on, contingent=contingent)
 
 
-def _is_sampled(trial: Trial) -> bool:
-    """Whether the ego plans for several guesses at the others' minds."""
-    planning = trial.estimator.planning
-    return planning in (CONTINGENCY, EXPECTED) or (trial.reference == POPULATION and not planning)
+def _planning(trial: Trial) -> str | None:
+    """How the ego uses what it is not sure of; who knows the population alone is never sure."""
+    usual = CONTINGENCY if trial.reference == POPULATION else None
+    return trial.estimator.planning or usual
 
 
 def _asked(trial: Trial, rules: EstimateRules, problem: Problem) -> PlayerTask:

@@ -94,7 +94,9 @@ class RespondingPlanner(Planner):
         every = [minds, *self._guesses]
         others = Others(road, ego, self._seen, every, self._straight_on)
         plans, left = self._planned(others, numbers, states, len(every))
-        probable = Others(road, ego, self._seen, every[:1], self._straight_on)
+        probable = others
+        if self._guesses:
+            probable = Others(road, ego, self._seen, every[:1], self._straight_on)
         ways, guesses = self._ways(game, probable, plans.one(0), left, states[0]), None
         if self._guesses:
             motion, controls = others.played(plans, _apart(ways, _COMPARED), left)

@@ -22,7 +22,7 @@ import numpy as np
 from olne_bench.kept_files import KeptFiles
 
 #: About 1 MB for a structure of five cars.
-KEPT_DERIVED = KeptFiles("-derived", most_bytes=200_000_000)
+KEPT_DERIVED = KeptFiles("-derived", most_bytes=200_000_000, shared=True)
 _GAMES = Path(__file__).parents[1]
 _OURS = "olne_bench.games."
 

@@ -107,6 +107,8 @@ class KeptFiles:
 
     suffix: str
     most_bytes: int
+    #: Whether processes that may only read the folders of others look there, too.
+    shared: bool = False
 
     @property
     def folder(self) -> Path | None:
@@ -128,7 +130,7 @@ class KeptFiles:
     @property
     def shared_folders(self) -> list[Path]:
         """Folders of others, from which this process may only read."""
-        return [self._beside(folder) for folder in folders_of_others()]
+        return [self._beside(folder) for folder in folders_of_others()] if self.shared else []
 
     def _beside(self, folder: Path) -> Path:
         return folder.with_name(f"{folder.name}{self.suffix}")
