@@ -22,8 +22,8 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
+import scipy
 from scipy.linalg import qr
-from scipy.optimize import nnls
 
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.shared.trajectory_fit import TrajectoryFit, fit_trajectory, warm_up_fit
@@ -179,7 +179,7 @@ def _player_weights(rows: np.ndarray, floor: float) -> tuple[np.ndarray, float]:
     count = rows.shape[1]
     shifted = floor * rows.sum(axis=1, keepdims=True) + (1 - count * floor) * rows
     scale = np.linalg.norm(shifted) or 1.0
-    phi, _ = nnls(
+    phi, _ = scipy.optimize.nnls(  # imported now: it takes long
         np.vstack([shifted / scale, np.ones((1, count))]),
         np.concatenate([np.zeros(len(shifted)), [1.0]]),
     )

@@ -20,9 +20,10 @@ from olne_bench.bench.plan.draws import draws_of
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import KEY_COLUMNS, Trial, in_order_of_plugins
+from olne_bench.bench.report.statistics.attempts import places_of
 from olne_bench.bench.report.statistics.identifiability import weights_of
 from olne_bench.bench.report.statistics.pairs import SIGNIFICANCE
-from olne_bench.bench.report.statistics.plausibility import distances_of, implausible, places_of
+from olne_bench.bench.report.statistics.plausibility import distances_of, implausible
 from olne_bench.bench.report.study import Study, study_in
 from olne_bench.bench.run.executor import run_trials
 from olne_bench.bench.run.store import read_store

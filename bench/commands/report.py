@@ -6,10 +6,14 @@ from pathlib import Path
 import click
 
 from olne_bench.bench.commands.options import plain_number, whole_number
+from olne_bench.bench.process import nursery
+from olne_bench.bench.process.child import Child, ChildError, RaisedError
 from olne_bench.bench.report.formats import read_formats
 from olne_bench.bench.run.resume import kind_of
 from olne_bench.errors import UserError
 
+#: Time [s] after which a report is written here instead.
+_SECONDS = 7200.0
 #: Noise level and seed.
 Place = tuple[float, int]
 
@@ -30,12 +34,25 @@ def _place(text: str) -> Place:
 def show_report(folder: Path, formats: Sequence[str], playable: Sequence[Place] = ()) -> None:
     """Write a run's report, with figures in these formats, and print its leaderboard.
 
-    No figures are drawn if there are no formats. The page can play the trials of ``playable``.
+    No figures are drawn if there are no formats. The page can play the trials of ``playable``. It
+    is written where the nursery has imported all that is needed, if this process has one.
     """
-    click.echo(_report_text(folder, formats, playable))
+    given = folder, formats, playable
+    if not nursery.has_begun():
+        click.echo(report_text(*given))
+        return
+    child = Child(has_children=True)
+    try:
+        said = child.call(report_text, *given, kind=str, seconds=_SECONDS)
+    except (ChildError, RaisedError):
+        said = report_text(*given)  # which says what is wrong
+    finally:
+        child.stop()
+    click.echo(said)
 
 
-def _report_text(folder: Path, formats: Sequence[str], playable: Sequence[Place]) -> str:
+def report_text(folder: Path, formats: Sequence[str], playable: Sequence[Place]) -> str:
+    """Write a run's report; what is said of it."""
     kind = kind_of(folder)
     if kind != "trials" and playable:
         click.echo(f"note: --play is ignored: pages of {kind} play no trials", err=True)

@@ -5,7 +5,6 @@ import signal
 import sys
 from collections import Counter
 from collections.abc import Iterable
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +17,7 @@ from olne_bench.bench.plan.kinds import StudyKind
 from olne_bench.bench.plan.outcome import FAILURES
 from olne_bench.bench.plan.select import Selection
 from olne_bench.bench.plan.trial import Trial
+from olne_bench.bench.process import nursery
 from olne_bench.bench.report.formats import read_formats
 from olne_bench.bench.run.interrupt import stop_request
 from olne_bench.bench.run.store import Store, open_store
@@ -26,6 +26,8 @@ from olne_bench.plugins import METRIC, is_built_in
 
 #: Number of harness errors shown at the end.
 _SHOWN_FAULTS = 5
+#: What writes reports, whose import takes a second.
+_WRITER = "olne_bench.bench.report.write"
 
 
 def run(
@@ -43,8 +45,6 @@ def run(
     drawn = read_formats(formats) if figures else ()
     wanted, machine = _wanted(suite, **asked), Machine(out, jobs, dask, memory)
     whole = load_study(wanted, machine)
-    if report:  # imported while processes still import what judges trials
-        import_module("olne_bench.bench.report.write")
     foreign = [one.column for one in whole.metrics if not is_built_in(METRIC, one.name)]
     if foreign and whole.kind != "trials":
         _note(f"note: a study of {whole.kind} has errors of its own; ignored: {', '.join(foreign)}")
@@ -101,6 +101,8 @@ def run_all(
         with tqdm(total=number, unit="trial", smoothing=0.05, mininterval=0.5) as bar:
             for outcome in run_stored(todo, machine, store, stop):
                 stored += 1
+                if stored == 1:  # its processes are born
+                    nursery.meanwhile([_WRITER])
                 if outcome.status == "harness_error":
                     faults[outcome.message] += 1
                 if outcome.status in (*FAILURES, "harness_error"):

@@ -6,10 +6,12 @@ what the wrapped world showed, bit for bit.
 
 from collections.abc import Sequence
 from functools import lru_cache
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from olne_bench import plugins
+from olne_bench.bench.plan.entries import SensorEntry
 from olne_bench.envs.recordings.recording import Recording
 from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.envs.worlds.recorded import RecordedWorld
@@ -21,6 +23,17 @@ from olne_bench.games.model.sensor import Layer, SensorModel
 from olne_bench.games.model.weight_prior import FLAT, WeightPrior
 
 T = TypeVar("T")
+
+
+def layers_of(sensor: SensorEntry) -> tuple[Layer, ...]:
+    """The layers of a sensor, the innermost first; ``PluginError`` if one cannot be made."""
+    made = [plugins.make(plugins.SENSOR, entry.name, entry.parameters) for entry in sensor.layers]
+    return tuple(layer for one in made for layer in _layers(one))
+
+
+def _layers(sensor: Any) -> tuple[Layer, ...]:
+    with plugins.at_home(sensor):
+        return tuple(sensor.layers())
 
 
 def sensor_model(scenario: Scenario, layers: Sequence[Layer]) -> SensorModel:

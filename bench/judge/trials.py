@@ -6,7 +6,6 @@ Only the referee knows the truth. An estimator runs in another process (``judge.
 import json
 from dataclasses import dataclass, replace
 from functools import lru_cache, partial
-from typing import Any
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from olne_bench.bench.judge.estimate_check import check_estimate
 from olne_bench.bench.judge.likelihood import likelihood_ratio, posterior_ratio
 from olne_bench.bench.judge.metrics.judged import Judged, Once
 from olne_bench.bench.judge.metrics.scoring import MetricError, score_all
-from olne_bench.bench.judge.observe import observe, observed, problem_of, sensor_model
+from olne_bench.bench.judge.observe import layers_of, observe, observed, problem_of, sensor_model
 from olne_bench.bench.judge.players import (
     ForeignMetrics,
     PlayerFault,
@@ -39,7 +38,6 @@ from olne_bench.bench.judge.truth import (
     unit_cosine_limit,
 )
 from olne_bench.bench.judge.weight_levels import weight_levels
-from olne_bench.bench.plan.entries import SensorEntry
 from olne_bench.bench.plan.kinds import Rules
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
@@ -122,17 +120,6 @@ def judge_case(trial: Trial, case: Case, staff: Staff) -> Outcome:
         return replace(outcome, status="invalid", message=clip(str(error)))
     except (Exception, SystemExit) as error:
         return replace(outcome, status="harness_error", message=f"scoring: {describe_error(error)}")
-
-
-def layers_of(sensor: SensorEntry) -> tuple[Layer, ...]:
-    """The layers of a sensor, the innermost first; ``PluginError`` if one cannot be made."""
-    made = [plugins.make(plugins.SENSOR, entry.name, entry.parameters) for entry in sensor.layers]
-    return tuple(layer for one in made for layer in _layers(one))
-
-
-def _layers(sensor: Any) -> tuple[Layer, ...]:
-    with plugins.at_home(sensor):
-        return tuple(sensor.layers())
 
 
 def case_of(trial: Trial) -> Case:

@@ -6,6 +6,7 @@ their name or that they name. It does not cover what code finds in other ways, a
 
 import glob
 import hashlib
+import os
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from functools import lru_cache
@@ -47,20 +48,23 @@ def modules_used(
 ) -> dict[str, Path]:
     """Names and files of modules and of all that they import, as ``fingerprint`` counts them."""
     found: dict[str, Path] = {}
-    pending, seen = list(modules.items()), set(_OF_NO_RESULT)
+    pending, known = list(modules.items()), tuple(roots.items())
     while pending:
         name, path = pending.pop()
-        if name in found or name in _OF_NO_RESULT:
-            continue
-        found[name] = path
-        imports = _imports(path, name) - seen
-        seen |= imports
-        for imported in imports:
-            folder = _folder(imported, roots, own)
-            located = folder and _locate(folder, imported)
-            if located:
-                pending.append((imported, located))
+        if name not in found and name not in _OF_NO_RESULT:
+            found[name] = path
+            pending += _imported(path, name, known, own)
     return found
+
+
+@lru_cache(maxsize=1024)
+def _imported(
+    path: Path, name: str, roots: tuple[tuple[str, Path], ...], own: Path | None
+) -> tuple[tuple[str, Path], ...]:
+    """Names and files of what a module imports itself."""
+    folders = ((one, _folder(one, roots, own)) for one in set(_imported_names(path, name)))
+    files = ((one, folder and _locate(folder, one)) for one, folder in folders)
+    return tuple((one, file) for one, file in files if file)
 
 
 def data_beside(path: Path) -> list[Path]:
@@ -81,30 +85,35 @@ def _matching(folder: Path, pattern: str) -> list[Path]:
     return []
 
 
-def _folder(name: str, roots: Mapping[str, Path], own: Path | None) -> Path | None:
+def _folder(name: str, roots: tuple[tuple[str, Path], ...], own: Path | None) -> Path | None:
     """Where to look for a module; None if it does not count."""
-    for package, folder in roots.items():
+    for package, folder in roots:
         if name == package or name.startswith(f"{package}."):
             return folder
-    known = {package.partition(".")[0] for package in roots}
+    known = {package.partition(".")[0] for package, _ in roots}
     return None if name.partition(".")[0] in known else own
 
 
 @lru_cache(maxsize=8192)
 def _locate(folder: Path, name: str) -> Path | None:
     path = folder.joinpath(*name.split("."))
-    for stem in (path / "__init__", path):
-        for suffix in _MODULES:
-            candidate = stem.with_name(f"{stem.name}{suffix}")
-            if candidate.is_file():
-                return candidate
+    beside = _listed(path.parent)
+    inside = _listed(path) if path.name in beside else ()
+    places = [(path / "__init__", inside), (path, beside)]
+    for stem, there in places:
+        for file in (f"{stem.name}{suffix}" for suffix in _MODULES):
+            if file in there and (found := stem.with_name(file)).is_file():
+                return found
     return None
 
 
 @lru_cache(maxsize=512)
-def _imports(path: Path, name: str) -> frozenset[str]:
-    """Names in a module's imports that may be modules."""
-    return frozenset(_imported_names(path, name))
+def _listed(folder: Path) -> frozenset[str]:
+    """Names of what is in a folder; none if there is no such folder."""
+    try:
+        return frozenset(one.name for one in os.scandir(folder))
+    except OSError:
+        return frozenset()
 
 
 def _imported_names(path: Path, name: str) -> Iterator[str]:

@@ -22,7 +22,9 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
+from types import ModuleType
 from typing import IO, Any
 
 from olne_bench.bench.process import fork_loop, inside
@@ -44,6 +46,8 @@ _END_SECONDS = 2.0
 _ERRORS = 2
 #: Signals that end a process; pygame, which HighwayEnv imports, would end it by another one.
 _FATAL = (signal.SIGILL, signal.SIGFPE, signal.SIGBUS, signal.SIGSEGV)
+#: What HighwayEnv imports for plots and tables, which takes a second and few processes need.
+_LATE = ("matplotlib.pyplot", "pandas")
 #: Variables that a process of foreign code receives, by name and by the beginning of a name.
 _VARIABLES = ("PATH", "LANG", "LANGUAGE", "TZ", "CC", "LD_LIBRARY_PATH", "VIRTUAL_ENV")
 _FAMILIES = (
@@ -261,6 +265,10 @@ def _is_told(name: str) -> bool:
 def serve(descriptor: int, modules: Sequence[str]) -> None:
     """Import modules, and fork for the parent process until it closes the connection."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver
+    # Arrow's own pool takes a gibibyte of address space, which counts against memory limits.
+    os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
+    for name in _LATE:
+        _import_at_first_use(name)
     _import(modules)
     _serve(socket.socket(fileno=descriptor))
 
@@ -327,6 +335,22 @@ def _import(modules: Sequence[str]) -> None:
         with suppress(Exception):  # whoever needs it will say so
             import_module(name)
     gc.enable()
+
+
+def _import_at_first_use(name: str) -> None:
+    """Let a module be imported once something asks for what is in it."""
+    late = ModuleType(name)
+    late.__spec__ = find_spec(name)  # others look there for whether it is installed
+    sys.modules[name] = late
+
+    def asked(attribute: str) -> Any:
+        if sys.modules.get(name) is late:
+            del sys.modules[name]
+        found = import_module(name)
+        vars(late).update(vars(found))  # for those who have imported it
+        return getattr(found, attribute)
+
+    vars(late)["__getattr__"] = asked
 
 
 def _have_nursery(*private: int) -> None:

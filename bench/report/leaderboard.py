@@ -10,7 +10,14 @@ import pandas as pd
 
 from olne_bench.bench.judge.metrics.cosine_error import CosineError
 from olne_bench.bench.judge.metrics.declaration import MetricDeclaration, declare
-from olne_bench.bench.report.statistics.attempts import attempts_of, errors_of, measured, quantile
+from olne_bench.bench.report.statistics.attempts import (
+    NO_ATTEMPTS,
+    attempts_of,
+    errors_of,
+    measured,
+    places_of,
+    quantile,
+)
 from olne_bench.bench.report.statistics.intervals import mean_by_seed, median_interval
 from olne_bench.bench.report.statistics.score import ALL
 from olne_bench.bench.report.study import (
@@ -32,7 +39,11 @@ EXACT = 1e-3
 
 _KEY = ["scenario", "sensor", "estimator"]
 _LEVEL_KEY = ["scenario", "sensor", "sigma", "estimator"]
+_COSINE = declare(CosineError)
 _KINDS = ("median", "q25", "q75", "mean", "mean_low", "mean_high")
+
+#: Columns of trials as arrays, by name.
+Columns = dict[str, np.ndarray]
 
 
 def leaderboard(
@@ -57,12 +68,10 @@ def leaderboard(
 def summaries(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     """The rows of a leaderboard, without scores and in no order."""
     metrics = in_table((*study.metrics, IDENTIFIABLE), trials)
-    about = {metric.name: measured(trials, metric, study) for metric in metrics}
+    columns = _columns(trials, metrics, study)
     rows = [
-        dict(zip(_KEY, key, strict=True))
-        | _counts(group)
-        | _measures(attempts_of(group), metrics, about)
-        for key, group in trials.groupby(_KEY, sort=True)
+        dict(zip(_KEY, place, strict=True)) | _summary(_rows(columns, own), metrics)
+        for place, own in places_of(trials, _KEY).items()
     ]
     return pd.DataFrame(rows, columns=list(rows[0]) if rows else [])
 
@@ -109,54 +118,78 @@ def _filled(table: pd.DataFrame, metrics: Sequence[MetricDeclaration]) -> pd.Dat
     return table[[*others, *shown, *measured_last]].fillna(dict.fromkeys(shares, 0)).astype(shares)
 
 
-def _counts(group: pd.DataFrame) -> dict[str, float | int]:
-    attempts = attempts_of(group)
-    count = attempts["count"].to_numpy()
-    failed = (attempts["status"] != "ok").to_numpy()
-    return {
-        "trials": int(count.sum()),
-        "failures": int(count[failed].sum()),
-        "published_failures": int(count[published_failures(attempts)].sum()),
-        "skipped": int(group.loc[group["status"] == "skipped", "count"].sum()),
-        "harness_errors": int((group["status"] == "harness_error").sum()),
-        "exact": _exact(attempts[attempts["sigma"] == 0]),
+def _columns(trials: pd.DataFrame, metrics: Sequence[MetricDeclaration], study: Study) -> Columns:
+    """What tables need of trials: pandas takes long to choose rows of many small groups."""
+    found = {name: trials[name].to_numpy() for name in ("count", "seed", "sigma")}
+    found["status"] = trials["status"].to_numpy(object)
+    if "published_forward" in trials:
+        found["published failure"] = published_failures(trials)
+    for name in (
+        "solve_seconds",
+        "fit_p",
+        "cosine_limit",
+        *(m.name for m in metrics if m.is_share),
+    ):
+        found[name] = _numbers(trials, name)
+    for metric in metrics:
+        found[_about(metric)] = measured(trials, metric, study).to_numpy(bool)
+    cosine = [_COSINE] if _COSINE.name in trials else []
+    for metric in (*cosine, *(m for m in metrics if not m.is_share)):
+        found[metric.name] = errors_of(trials, metric)
+    exact = (found["status"] == "ok") & (_numbers(trials, "position_error") <= EXACT)
+    found["exact"] = np.where("position_error" in trials, exact, np.nan)
+    return found
+
+
+def _numbers(trials: pd.DataFrame, name: str) -> np.ndarray:
+    """A column as numbers, NaN if there is none."""
+    if name not in trials:
+        return np.full(len(trials), np.nan)
+    return trials[name].to_numpy(float, na_value=np.nan)
+
+
+def _about(metric: MetricDeclaration) -> str:
+    """Name of the column that says which rows a metric measures."""
+    return f"{metric.name} measures"
+
+
+def _rows(columns: Columns, chosen: np.ndarray) -> Columns:
+    return {name: column[chosen] for name, column in columns.items()}
+
+
+def _summary(group: Columns, metrics: Sequence[MetricDeclaration]) -> dict[str, float | int]:
+    status, count = group["status"], group["count"]
+    attempts = _rows(group, ~np.isin(status, NO_ATTEMPTS))
+    clean = _rows(attempts, attempts["sigma"] == 0)
+    summary: dict[str, float | int] = {
+        "trials": int(attempts["count"].sum()),
+        "failures": int(attempts["count"][attempts["status"] != "ok"].sum()),
+        "published_failures": int(attempts["count"][attempts["published failure"]].sum()),
+        "skipped": int(count[status == "skipped"].sum()),
+        "harness_errors": int((status == "harness_error").sum()),
+        "exact": _mean(clean["exact"], clean["count"]),
     }
+    for metric in metrics:
+        rows = _rows(attempts, attempts[_about(metric)])
+        summary |= _share(rows, metric) if metric.is_share else _error(rows, metric)
+    fits = attempts["fit_p"][~np.isnan(attempts["fit_p"])]
+    summary["refuted"] = float((fits < FIT_LEVEL).mean()) if len(fits) else np.nan
+    summary["limit_ratio"] = _limit_ratio(attempts)
+    times = attempts["solve_seconds"]  # none of attempts that were stopped or crashed
+    times = np.where(np.isnan(times), np.inf, times)
+    summary["solve_seconds_median"] = quantile(times, attempts["count"], 0.5)
+    return summary
 
 
-def _mean(values: np.ndarray, count: pd.Series) -> float:
+def _mean(values: np.ndarray, count: np.ndarray) -> float:
     """Mean of values that stand for ``count`` trials each; NaN if there are none."""
     return float(np.average(values, weights=count)) if len(values) else float("nan")
 
 
-def _exact(attempts: pd.DataFrame) -> float:
-    """Share of attempts without noise that predict exactly."""
-    if "position_error" not in attempts:
-        return float("nan")
-    exact = attempts["status"].eq("ok") & (attempts["position_error"] <= EXACT).fillna(False)
-    return _mean(exact.to_numpy(bool), attempts["count"])
-
-
-def _measures(
-    attempts: pd.DataFrame, metrics: list[MetricDeclaration], about: dict[str, pd.Series]
-) -> dict[str, float | int]:
-    summary: dict[str, float | int] = {}
-    for metric in metrics:
-        rows = attempts[about[metric.name].reindex(attempts.index)]
-        summary |= _share(rows, metric) if metric.is_share else _error(rows, metric)
-    fits = attempts["fit_p"].dropna() if "fit_p" in attempts else pd.Series(dtype=float)
-    summary["refuted"] = float((fits < FIT_LEVEL).mean())
-    summary["limit_ratio"] = _limit_ratio(attempts)
-    times = attempts["solve_seconds"].fillna(np.inf)  # of attempts that were stopped or crashed
-    count = attempts["count"].to_numpy()
-    summary["solve_seconds_median"] = quantile(times.to_numpy(float), count, 0.5)
-    return summary
-
-
-def _error(attempts: pd.DataFrame, metric: MetricDeclaration) -> dict[str, float | int]:
+def _error(attempts: Columns, metric: MetricDeclaration) -> dict[str, float | int]:
     """Quantiles and mean of an error over all attempts, failures included."""
-    values, count = errors_of(attempts, metric), attempts["count"].to_numpy()
-    seeds, worst = attempts["seed"].to_numpy(), metric.worst
-    mean = mean_by_seed(np.minimum(values, worst), seeds, count)
+    values, count, worst = attempts[metric.name], attempts["count"], metric.worst
+    mean = mean_by_seed(np.minimum(values, worst), attempts["seed"], count)
     quantiles = [quantile(values, count, share) for share in (0.5, 0.25, 0.75)]
     found = (*quantiles, mean.estimate, mean.low, float(np.minimum(mean.high, worst)))
     return {f"{metric.name}_{kind}": value for kind, value in zip(_KINDS, found, strict=True)}
@@ -171,23 +204,21 @@ def published_failures(attempts: pd.DataFrame) -> np.ndarray:
     return failed.to_numpy(bool)
 
 
-def _share(attempts: pd.DataFrame, metric: MetricDeclaration) -> dict[str, float | int]:
+def _share(attempts: Columns, metric: MetricDeclaration) -> dict[str, float | int]:
     """Mean of a share over attempts that have a value, and the number of these attempts."""
-    told = attempts[attempts[metric.name].notna()]
-    share = _mean(told[metric.name].to_numpy(float), told["count"])
+    told = _rows(attempts, ~np.isnan(attempts[metric.name]))
+    share = _mean(told[metric.name], told["count"])
     return {f"{metric.name}_share": share, f"{metric.name}_trials": int(told["count"].sum())}
 
 
-def _limit_ratio(attempts: pd.DataFrame) -> float:
-    metric, sigma = declare(CosineError), attempts["sigma"]
-    if metric.name not in attempts:
+def _limit_ratio(attempts: Columns) -> float:
+    if _COSINE.name not in attempts:
         return float("nan")
-    most = max(LIMIT_SIGMA, sigma[sigma > 0].min())
-    small = attempts[(sigma > 0) & (sigma <= most)]
-    errors = np.minimum(errors_of(small, metric), metric.worst)
-    limits = small["cosine_limit"].to_numpy(float)
-    known = np.isfinite(limits) & (limits > 0)
-    return _mean(errors[known] / limits[known], small["count"][known])
+    sigma, limits = attempts["sigma"], attempts["cosine_limit"]
+    most = max(LIMIT_SIGMA, sigma[sigma > 0].min(initial=np.inf))
+    known = (sigma > 0) & (sigma <= most) & np.isfinite(limits) & (limits > 0)
+    errors = np.minimum(attempts[_COSINE.name][known], _COSINE.worst)
+    return _mean(errors / limits[known], attempts["count"][known])
 
 
 def errors_by_noise(
@@ -201,22 +232,21 @@ def errors_by_noise(
     those that are compared, ``_median, _low, _high`` (95 %, ``intervals.median_interval``).
     """
     metrics = in_table(compared(study.metrics), trials) if metrics is None else metrics
-    about = {metric.name: measured(trials, metric, study) for metric in metrics}
+    attempts = attempts_of(trials)
+    columns = _columns(attempts, metrics, study)
     rows = [
-        dict(zip(_LEVEL_KEY, key, strict=True)) | _medians(group, metrics, about)
-        for key, group in attempts_of(trials).groupby(_LEVEL_KEY, sort=True)
+        dict(zip(_LEVEL_KEY, place, strict=True)) | _medians(_rows(columns, own), metrics)
+        for place, own in places_of(attempts, _LEVEL_KEY).items()
     ]
     names = [f"{metric.name}_{end}" for metric in metrics for end in ("median", "low", "high")]
     return pd.DataFrame(rows, columns=[*_LEVEL_KEY, "attempts", "failures", *names])
 
 
-def _medians(
-    attempts: pd.DataFrame, metrics: Sequence[MetricDeclaration], about: dict[str, pd.Series]
-) -> dict[str, float | int]:
-    failed = attempts.loc[attempts["status"] != "ok", "count"].sum()
-    found: dict[str, float | int] = {"attempts": attempts["count"].sum(), "failures": failed}
+def _medians(attempts: Columns, metrics: Sequence[MetricDeclaration]) -> dict[str, float | int]:
+    count, failed = attempts["count"], attempts["status"] != "ok"
+    found: dict[str, float | int] = {"attempts": count.sum(), "failures": count[failed].sum()}
     for metric in metrics:
-        rows = attempts[about[metric.name].reindex(attempts.index)]
-        median = median_interval(np.repeat(errors_of(rows, metric), rows["count"]))
+        rows = _rows(attempts, attempts[_about(metric)])
+        median = median_interval(np.repeat(rows[metric.name], rows["count"]))
         found |= median.columns(metric.name, "median")
     return found

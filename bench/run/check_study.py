@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from olne_bench import plugins
+from olne_bench.bench.judge.observe import layers_of
 from olne_bench.bench.judge.priors import WITH_PRIOR, exclusion, prior_told
-from olne_bench.bench.judge.trials import layers_of
 from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry, SensorEntry
 from olne_bench.bench.plan.kinds import Rules
 from olne_bench.bench.plan.suite import Suite

@@ -6,7 +6,7 @@ lost: the process is replaced and the others continue.
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
-from itertools import groupby
+from itertools import groupby, islice
 from pathlib import Path
 
 from olne_bench.bench.plan.outcome import Outcome
@@ -14,6 +14,9 @@ from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.process.channel import wait_for
 from olne_bench.bench.process.child import TICK
 from olne_bench.bench.run.referee import RefereeProcess
+
+#: Number of groups of trials among which a new referee looks for one of another scenario.
+_AHEAD = 50
 
 
 def never() -> bool:
@@ -78,15 +81,28 @@ class _Shares:
 
     def __init__(self, trials: Iterable[Trial]) -> None:
         self._groups = (deque(group) for _, group in groupby(trials, _group))
+        self._passed: deque[deque[Trial]] = deque()  # groups that were passed over
         self._own: dict[RefereeProcess, deque[Trial]] = {}
 
     def next(self, referee: RefereeProcess) -> Trial | None:
         """The next trial for a referee: of its draw, of another, of one that others are at."""
         if not self._own.get(referee):
             others = max(self._own.values(), key=len, default=deque())
-            self._own[referee] = next(self._groups, others)
+            group = None if referee in self._own else self._elsewhere()
+            if group is None:
+                group = self._passed.popleft() if self._passed else next(self._groups, others)
+            self._own[referee] = group
         own = self._own[referee]
         return own.popleft() if own else None
+
+    def _elsewhere(self) -> deque[Trial] | None:
+        """A group of a scenario that nobody is at, as two would wait for what one compiles."""
+        taken = {own[0].scenario.label for own in self._own.values() if own}
+        for group in () if self._passed else islice(self._groups, _AHEAD):
+            if group[0].scenario.label not in taken:
+                return group
+            self._passed.append(group)
+        return None
 
 
 def _group(trial: Trial) -> tuple[object, ...]:

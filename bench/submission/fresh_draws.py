@@ -22,8 +22,8 @@ from olne_bench.bench.judge.metrics.position_error import PositionError
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.report.confirmations import Confirmation
-from olne_bench.bench.report.statistics.attempts import attempts_of, errors_of, median
-from olne_bench.bench.report.statistics.plausibility import implausible, places_of
+from olne_bench.bench.report.statistics.attempts import attempts_of, errors_of, median, places_of
+from olne_bench.bench.report.statistics.plausibility import implausible
 from olne_bench.bench.report.statistics.standing import KEY
 from olne_bench.bench.report.study import Study
 from olne_bench.bench.run.executor import run_trials

@@ -6,9 +6,8 @@ What is not a scenario or a sensor of this version, or cannot be played, is not 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from olne_bench.bench.judge.observe import sensor_model
+from olne_bench.bench.judge.observe import layers_of, sensor_model
 from olne_bench.bench.judge.scene import NoSceneError, NoScenes, TrueScene
-from olne_bench.bench.judge.trials import layers_of
 from olne_bench.bench.judge.truth import Draw, true_recording, true_scene
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.report.study import Study, study_of

@@ -16,7 +16,7 @@ from dataclasses import replace
 from itertools import chain
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.shared.forward_model import game_of_point, sample_sensitivity
@@ -83,7 +83,7 @@ def most_probable_level(median: float, spread: float, squared: float, left: floa
         return float(median * np.exp(-reach))
     if slope(reach) <= 0:
         return float(median * np.exp(reach))
-    return float(median * np.exp(brentq(slope, -reach, reach, xtol=1e-6)))
+    return float(median * np.exp(scipy.optimize.brentq(slope, -reach, reach, xtol=1e-6)))
 
 
 def _best_fit(problem: Problem, y: np.ndarray, deadline: float) -> JointSolution:

@@ -65,7 +65,7 @@ class Hangs(Drawn):
 
 #: Functions that cache the code which they have read.
 READ_ONCE = (
-    fingerprint._imports,
+    fingerprint._imported,
     fingerprint._summary,
     fingerprint._content,
     versions._version,

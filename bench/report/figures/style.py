@@ -120,11 +120,8 @@ def svg_text(figure: Figure) -> str:
 
 def _lay_out(figure: Figure) -> None:
     """Compute the layout once, not for each file, as the settings would."""
-    layout = figure.get_layout_engine()
-    equal = any(axes.get_aspect() != "auto" for axes in figure.axes)
-    for _ in range(2 if equal else 1):  # panels of equal aspect settle in the second round
-        if layout is not None:
-            layout.execute(figure)
+    if (layout := figure.get_layout_engine()) is not None:
+        layout.execute(figure)
     figure.set_layout_engine(None)
 
 

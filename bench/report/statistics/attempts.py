@@ -1,6 +1,7 @@
 """Errors of attempts, failures included; those of the harness are no attempts, and apart."""
 
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -31,6 +32,12 @@ def _only(trials: pd.DataFrame, chosen: pd.Series) -> pd.DataFrame:
 def which(labels: pd.Series, holds: Callable[[str], bool]) -> pd.Series:
     """Of which labels something holds, asked once for each label."""
     return labels.map({label: holds(label) for label in labels.unique()}).astype(bool)
+
+
+def places_of(rows: pd.DataFrame, key: list[str]) -> dict[tuple[Any, ...], np.ndarray]:
+    """Positions of the rows that have the same values of some columns, by these values, sorted."""
+    found: dict[Any, Any] = rows[key].groupby(key).indices
+    return {place: np.asarray(found[place]) for place in sorted(found)}
 
 
 def weighed(trials: pd.DataFrame) -> pd.DataFrame:

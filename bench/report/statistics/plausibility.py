@@ -15,7 +15,6 @@ exact estimate is no wonder, and nothing is judged.
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -23,7 +22,7 @@ from scipy.optimize import brentq
 
 from olne_bench.bench.judge.scene import NoSceneError, TrueScene
 from olne_bench.bench.plan.trial import foreign_worlds
-from olne_bench.bench.report.statistics.attempts import which
+from olne_bench.bench.report.statistics.attempts import places_of, which
 from olne_bench.bench.report.statistics.identifiability import weights_of
 from olne_bench.bench.report.study import Study
 from olne_bench.games.model.simplex import simplex_tangent, theta_tangent
@@ -75,12 +74,6 @@ def implausible(trials: pd.DataFrame, study: Study) -> np.ndarray:
         found = _too_near(rows.iloc[numbers], str(scenario), str(sensor), study)
         marked[places[numbers]] |= found
     return marked
-
-
-def places_of(rows: pd.DataFrame, key: list[str]) -> dict[tuple[Any, ...], np.ndarray]:
-    """Positions of the rows that have the same values of some columns, by these values, sorted."""
-    groups = rows[key].reset_index(drop=True).groupby(key, sort=True)
-    return {values: own.index.to_numpy() for values, own in groups}
 
 
 def _exact(rows: pd.DataFrame) -> np.ndarray:

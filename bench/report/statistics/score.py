@@ -8,7 +8,7 @@ draws: in a family a draw is a seed with all its noise levels and sensors, in a 
 noise with all sensors.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -67,33 +67,32 @@ def log_errors(trials: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
         about = measured(noisy, metric, study)
         rows = noisy.loc[about, [*_CELL, "sigma", "estimator"]].assign(draw=draw[about])
         logs = np.log(np.maximum(errors_of(noisy[about], metric), metric.negligible))
-        parts.append(_shared(rows.assign(error=metric.name, log=logs), floors))
+        parts.append(rows.assign(error=metric.name, log=logs))
     columns = ["error", *_TRIAL, "estimator", "log", "failed", "ranked"]
-    whole = pd.concat(parts) if parts else pd.DataFrame(columns=columns)
+    whole = _shared(pd.concat(parts), floors) if parts else pd.DataFrame(columns=columns)
     whole = whole[columns].astype(dict.fromkeys(_LABELS, str))
     return whole.astype({"failed": bool, "ranked": bool})
 
 
 def _shared(rows: pd.DataFrame, floors: Sequence[str]) -> pd.DataFrame:
-    """The trials that all ranked estimators of a cell share, with failures replaced."""
-    kept = []
-    for _, cell in rows.groupby(_CELL, sort=True):
-        draws = cell.groupby("estimator")["draw"].nunique()
-        contenders = draws[~draws.index.isin(floors)]
-        if contenders.empty:
-            continue
-        ranked = contenders.index[contenders >= _LARGE_PART * contenders.max()]
-        own = cell.assign(ranked=cell["estimator"].isin(ranked))
-        own = own[own.groupby(["sigma", "draw"])["ranked"].transform("sum") == len(ranked)]
-        failed = ~np.isfinite(own["log"])
-        finite = own.assign(log=own["log"].mask(failed), failed=failed)
-        trial = [finite["sigma"], finite["draw"]]
-        known = finite["log"].where(finite["estimator"].isin([FLOOR, REFERENCE]))
-        # In a study without them, or where both failed, any other has to do.
-        guess = known.groupby(trial).transform("max")
-        worst = finite["log"].groupby(trial).transform("max")
-        kept.append(finite.assign(log=finite["log"].fillna(guess).fillna(worst)))
-    found = pd.concat(kept) if kept else rows.assign(failed=False, ranked=False).iloc[:0]
+    """The trials that all ranked estimators of an error's cell share, with failures replaced."""
+    cell, trial = ["error", *_CELL], ["error", *_TRIAL]
+    rows = rows.sort_values(cell, kind="stable", ignore_index=True)
+    draws = rows.groupby([*cell, "estimator"])["draw"].transform("nunique")
+    contends = ~rows["estimator"].isin(floors)
+    of_cell = rows[cell].assign(most=draws.where(contends)).groupby(cell)["most"]
+    ranked = contends & (draws >= _LARGE_PART * of_cell.transform("max"))
+    number = rows["estimator"].where(ranked).groupby([rows[n] for n in cell]).transform("nunique")
+    here = ranked.groupby([rows[name] for name in trial]).transform("sum")
+    own = rows.assign(ranked=ranked)[(here == number) & (number > 0)]
+    failed = ~np.isfinite(own["log"])
+    finite = own.assign(log=own["log"].mask(failed), failed=failed)
+    places = [finite[name] for name in trial]
+    known = finite["log"].where(finite["estimator"].isin([FLOOR, REFERENCE]))
+    # In a study without them, or where both failed, any other has to do.
+    guess = known.groupby(places).transform("max")
+    worst = finite["log"].groupby(places).transform("max")
+    found = finite.assign(log=finite["log"].fillna(guess).fillna(worst))
     return found[found["log"].notna()]
 
 
@@ -117,15 +116,15 @@ def score_table(logs: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     """
     columns = ["error", *_CELL, "sigma", "estimator", "reference", *_SCORES]
     parts = [pd.DataFrame(columns=columns)]
-    for error, reference in references(logs, study).items():
-        ratios = _ratios(logs[logs["error"] == error], reference)
+    known = references(logs, study)
+    for error, ratios in _ratios(logs, known):
         common = _common(ratios)
         for keys in _SLICES:
             rows_of = ratios if "scenario" in keys else common
             for place, part in rows_of.groupby(keys) if keys else [((), rows_of)]:
                 labels: dict[str, Any] = {"error": error, "sigma": np.nan}
                 labels |= {"scenario": ALL, "sensor": ALL}
-                labels |= dict(zip(keys, place, strict=True)) | {"reference": reference}
+                labels |= dict(zip(keys, place, strict=True)) | {"reference": known[error]}
                 parts.append(_scores(part).assign(**labels))
     return joined(parts)[columns]
 
@@ -139,9 +138,8 @@ def pair_table(logs: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     """
     columns = ["error", "scenario", "estimator", "other", *_PAIR]
     parts = [pd.DataFrame(columns=columns)]
-    for error, reference in references(logs, study).items():
-        ratios = _ratios(logs[logs["error"] == error], reference)
-        ratios = ratios[ratios["ranked"]]
+    for error, own in _ratios(logs, references(logs, study)):
+        ratios = own[own["ranked"]]
         for scenario, part in [(ALL, _common(ratios)), *ratios.groupby("scenario")]:
             pairs = _pairs(part)
             adjusted = holm(pairs["p"].to_numpy(float))
@@ -149,16 +147,21 @@ def pair_table(logs: pd.DataFrame, study: Study = USUAL) -> pd.DataFrame:
     return joined(parts)[columns]
 
 
-def _ratios(logs: pd.DataFrame, reference: str) -> pd.DataFrame:
-    """Rows with ``ratio``, the logarithm of error over the reference's in the same trial.
+def _ratios(logs: pd.DataFrame, known: dict[str, str]) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Each error's rows with ``ratio``, the logarithm of error over its reference's in the trial.
 
     Also numbers ``cell`` of scenario and sensor, ``trial`` in their order, ``unit`` of their draw.
     """
-    own = logs.loc[logs["estimator"] == reference, [*_TRIAL, "log"]]
-    both = logs.merge(own.rename(columns={"log": "of_reference"}), on=_TRIAL)
+    if not known:
+        return
+    of_reference = logs["estimator"] == logs["error"].map(known)
+    own = logs.loc[of_reference, ["error", *_TRIAL, "log"]].rename(columns={"log": "of_reference"})
+    both = logs.merge(own, on=["error", *_TRIAL])
     places = {"cell": _CELL, "trial": _TRIAL, "unit": ["scenario", "draw"]}
     numbers = {name: both.groupby(levels).ngroup() for name, levels in places.items()}
-    return both.assign(ratio=both["log"] - both["of_reference"], **numbers)
+    whole = both.assign(ratio=both["log"] - both["of_reference"], **numbers)
+    for error, rows in whole.groupby("error"):
+        yield str(error), rows
 
 
 def _common(ratios: pd.DataFrame) -> pd.DataFrame:
@@ -181,11 +184,11 @@ class _Draws:
     (U, C) trials that have a value; ``strata`` (U,) are the draws' scenarios, as numbers.
     """
 
-    def __init__(self, trials: pd.DataFrame, values: np.ndarray) -> None:
-        """Sum values (T, C) of trials, rows with ``scenario, unit``; NaN where there is none."""
-        codes = pd.factorize(trials["unit"])[0]
+    def __init__(self, ratios: pd.DataFrame, trials: np.ndarray, values: np.ndarray) -> None:
+        """Sum values (T, C) of trials, whose first rows (T,) are given; NaN where there is none."""
+        codes = pd.factorize(ratios["unit"].to_numpy()[trials])[0]
         units, first = np.unique(codes, return_index=True)
-        self.strata = pd.factorize(trials["scenario"])[0][first]
+        self.strata = pd.factorize(ratios["scenario"].to_numpy()[trials])[0][first]
         known, shape = np.isfinite(values), (len(units), values.shape[1])
         self.sums, self.sizes = np.zeros(shape, order="F"), np.zeros(shape, order="F")
         np.add.at(self.sums, codes, np.where(known, values, 0.0))
@@ -226,20 +229,20 @@ class _Draws:
         return np.where(self.draws >= FEWEST_DRAWS, (1 + as_far) / (1 + _SIGN_CHANGES), 1.0)
 
 
-def _wide(ratios: pd.DataFrame) -> tuple[pd.DataFrame, np.ndarray, np.ndarray]:
-    """Trials (T rows of ratios), estimators (E,), and ratios (T, E), NaN where there is none."""
-    first = ratios.drop_duplicates(["trial", "estimator"])
-    _, trials, rows = np.unique(first["trial"], return_index=True, return_inverse=True)
-    columns, names = pd.factorize(first["estimator"].to_numpy(), sort=True)
+def _wide(ratios: pd.DataFrame) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """First rows (T,) of trials, estimators (E,), and ratios (T, E), NaN where there is none."""
+    _, trials, rows = np.unique(ratios["trial"], return_index=True, return_inverse=True)
+    columns, names = pd.factorize(ratios["estimator"].to_numpy(), sort=True)
     values = np.full((len(trials), len(names)), np.nan)
-    values[rows, columns] = first["ratio"]
-    return first.iloc[trials], names, values
+    # Of two rows of one trial the first counts, which is set last.
+    values[rows[::-1], columns[::-1]] = ratios["ratio"].to_numpy()[::-1]
+    return trials, names, values
 
 
 def _scores(ratios: pd.DataFrame) -> pd.DataFrame:
     """Scores of one slice, without its labels."""
     trials, names, values = _wide(ratios)
-    told = _Draws(trials, values)
+    told = _Draws(ratios, trials, values)
     columns = ["estimator", "ranked", "scenario", "failed", "log"]
     whole = {name: ratios[name].to_numpy() for name in columns}
     errors = np.where(whole["failed"], np.inf, np.exp(whole["log"].astype(float)))
@@ -262,7 +265,7 @@ def _pairs(ratios: pd.DataFrame) -> pd.DataFrame:
     differences = values[:, first] - values[:, second]
     # Solvers that end at the same optimum differ by rounding.
     differences[np.abs(differences) < _NEGLIGIBLE] = 0.0
-    told = _Draws(trials, differences)
+    told = _Draws(ratios, trials, differences)
     labels = {"estimator": names[first], "other": names[second]}
     found = pd.DataFrame(labels | told.ratios("ratio") | {"p": told.p()})
     return found[found["draws"] > 0]

@@ -8,7 +8,8 @@ from collections.abc import Iterable, Sequence
 
 import pandas as pd
 
-from olne_bench.bench.report.statistics.plausibility import implausible, places_of
+from olne_bench.bench.report.statistics.attempts import places_of
+from olne_bench.bench.report.statistics.plausibility import implausible
 from olne_bench.bench.report.study import Study
 
 #: Standings of those who rank, and of plugins on published weights.

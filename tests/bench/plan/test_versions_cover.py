@@ -44,7 +44,7 @@ def taken(copy, monkeypatch):
     """Takes the fingerprints of a kind of unit from the copy, as it is now."""
     monkeypatch.setattr(versions, "_PACKAGES", copy)
     monkeypatch.setattr(versions, "_OURS", {"olne_bench": copy})
-    for name in ("_imports", "_summary", "_content"):
+    for name in ("_imported", "_summary", "_content"):
         remembered = while_unchanged(getattr(fingerprint, name).__wrapped__)
         monkeypatch.setattr(fingerprint, name, remembered)
     covered = {kind: names for kind, (_, names) in KINDS.items()}

@@ -2,7 +2,10 @@
 
 import os
 import signal
+import sys
 from collections.abc import Iterator
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
 import psutil
@@ -57,6 +60,22 @@ def die_later() -> str:
 def end_by_a_signal() -> str:
     os.kill(os.getpid(), signal.SIGSEGV)
     return ""
+
+
+def tables_beside_highway() -> list[bool]:
+    """Whether tables were there when HighwayEnv was, whether they are found, and whether they work.
+
+    In a process that begins anew.
+    """
+    import_module("highway_env.envs")
+    before = "pandas.core" in sys.modules
+    pandas = import_module("pandas")
+    return [before, find_spec("pandas") is not None, pandas.DataFrame({"a": [1]}).shape == (1, 1)]
+
+
+def test_what_highway_env_imports_for_tables_waits_until_it_is_used(child, monkeypatch):
+    monkeypatch.setattr(nursery, "_own", None)
+    assert child.call(tables_beside_highway, kind=list[bool], seconds=60) == [False, True, True]
 
 
 def test_processes_are_forks_of_one(child):

@@ -298,7 +298,9 @@ def test_a_referee_keeps_to_a_draw_and_helps_with_others_at_the_end() -> None:
     given = [shares.next(referees[k % 2]) for k in range(len(trials))]
     first = {(trial.scenario.label, trial.seed) for trial in given[:6:2]}
     second = {(trial.scenario.label, trial.seed) for trial in given[1:6:2]}
-    assert len(first) == len(second) == 1 and first != second
+    assert len(first) == len(second) == 1
+    # At first each is where the other is not, as both would wait for one compilation.
+    assert first | second == {("highway", 0), ("merge", 0)}
     assert {trial.key for trial in given} == {trial.key for trial in trials}
     # One that is left with nothing takes from the other's draw.
     shares = _Shares(trials[:3])
