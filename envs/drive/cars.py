@@ -183,18 +183,20 @@ class EgoCost:
         """
         return np.minimum(self._of_steps(motion, controls) / self._standing, 1.0)
 
-    def of_plans(self, motions: np.ndarray, controls: np.ndarray) -> np.ndarray:
+    def of_plans(self, motions: np.ndarray, controls: np.ndarray, room: float = 0.0) -> np.ndarray:
         """Mean shares (...) of the steps of plans: motions (..., T+1, N, 4), controls (..., T, 2).
 
-        Steps after the first in which the ego overlaps another car cost one each.
+        Steps after the first in which the ego overlaps another car cost one each. Where it comes
+        nearer than ``room`` [m], they do so with a chance that grows to one.
         """
         lead, (steps, size) = controls.shape[:-2], controls.shape[-2:]
         states = motions[..., :-1, :, :].reshape(-1, *motions.shape[-2:])
         shares = self.shares(states, controls.reshape(-1, size)).reshape(*lead, steps)
         gaps = gap(motions[..., 1:, :1, :], motions[..., 1:, 1:, :])
-        hit = np.cumsum(gaps.min(axis=-1, initial=np.inf) <= 0, axis=-1) > 0
-        after = np.concatenate([np.zeros((*lead, 1), dtype=bool), hit[..., :-1]], axis=-1)
-        return np.asarray(np.where(after, 1.0, shares).mean(axis=-1))
+        nearest = np.minimum.accumulate(gaps.min(axis=-1, initial=np.inf), axis=-1)
+        hit = np.where(nearest <= 0, 1.0, np.clip(1 - nearest / room, 0, 1) if room else 0.0)
+        after = np.concatenate([np.zeros((*lead, 1)), hit[..., :-1]], axis=-1)
+        return np.asarray((after + (1 - after) * shares).mean(axis=-1))
 
     def of_drive(
         self,

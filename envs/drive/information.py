@@ -16,7 +16,7 @@ from olne_bench.envs.drive.ego_seen import EgoSeen
 from olne_bench.envs.drive.footprint import gap
 from olne_bench.envs.drive.nash_traffic import REPLAN, NashTraffic
 from olne_bench.envs.drive.others import Others
-from olne_bench.envs.drive.planner import Mind
+from olne_bench.envs.drive.planner import LEAST_GAP, Mind
 from olne_bench.envs.drive.responding import RespondingPlanner
 from olne_bench.envs.roads.road_scenario import with_target
 from olne_bench.games.model.dynamics import rollout
@@ -49,14 +49,15 @@ def loss_of_first_plan(
 ) -> float | None:
     """Mean cost of first plans for other guesses than the first, the truth, less the least.
 
-    The ego is the first car, which the others take for what is seen. None if every plan collides.
+    The ego is the first car, which the others take for what is seen. None if even the plan for the
+    truth comes nearer than the least gap.
     """
     states = np.stack([car.start for car in cars])
     plans = [RespondingPlanner(road, cars[0], seen).plan(one, states) for one in guesses]
     own = np.stack([plan.controls[:, 0] for plan in plans])
     others = Others(road, cars[0], seen, guesses[:1])
     motion, controls = others.played(others.first_planned(states), own, REPLAN)
-    if (gap(motion[0, :, 1:, :1], motion[0, :, 1:, 1:]).min(axis=(1, 2)) <= 0).all():
+    if gap(motion[0, 0, 1:, :1], motion[0, 0, 1:, 1:]).min() < LEAST_GAP:
         return None
     costs = EgoCost(cars[0]).of_plans(motion[0], controls[0, :, :, 0])
     return float(costs[1:].mean() - costs.min())

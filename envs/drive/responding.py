@@ -135,7 +135,7 @@ class RespondingPlanner(Planner):
 
         def played(own: np.ndarray) -> _Ways:
             motion, controls = (part[0] for part in others.played(plan, own, left))
-            return _Ways(motion, controls, self._cost.of_plans(motion, controls[:, :, 0]))
+            return _Ways(motion, controls, self._costs(motion, controls[:, :, 0]))
 
         ways = played(self._starts(state))
         for _ in range(_ROUNDS):
@@ -180,7 +180,7 @@ class RespondingPlanner(Planner):
 
     def _branched(self, game: Game, motion: np.ndarray, controls: np.ndarray) -> np.ndarray:
         """Costs (S, C) of plans, if contingent with the best response after a second."""
-        costs = self._cost.of_plans(motion, controls[:, :, :, 0])
+        costs = self._costs(motion, controls[:, :, :, 0])
         if not self._contingent:
             return costs
         tail = drive_game(game.players, motion.shape[2] - REPLAN)
@@ -193,7 +193,11 @@ class RespondingPlanner(Planner):
             if response.converged[0]:
                 joint[REPLAN:, 0] = response.controls[0]
                 own[REPLAN:, 0] = rollout(MOTION, own[REPLAN], joint[REPLAN:], STEP)[:, 0]
-        return np.asarray(np.minimum(costs, self._cost.of_plans(motion, controls[:, :, :, 0])))
+        return np.asarray(np.minimum(costs, self._costs(motion, controls[:, :, :, 0])))
+
+    def _costs(self, motion: np.ndarray, controls: np.ndarray) -> np.ndarray:
+        """Costs (...) of plans, of which none should come nearer than the least gap."""
+        return self._cost.of_plans(motion, controls, room=LEAST_GAP)
 
 
 @dataclass(frozen=True)
