@@ -14,7 +14,7 @@ OUT ?= runs
 help:
 	@echo "make bench        a part of the paper's study and of roads, into $(OUT)/paper and $(OUT)/roads"
 	@echo "make paper        all of the paper's study, into $(OUT)/paper"
-	@echo "make bench-quick  two players and a road, in about two minutes, into $(OUT)/quick, and its limits"
+	@echo "make bench-quick  two players and a road, in half a minute, into $(OUT)/quick, and its limits"
 	@echo "make roads        every estimator on HighwayEnv's roads, 50 draws each, into $(OUT)/roads: a night"
 	@echo "make predictions  two estimators on these roads beside HighwayEnv's own drivers, into $(OUT)/predictions"
 	@echo "make field        every estimator on every scenario, and several trajectories"

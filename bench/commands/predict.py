@@ -8,8 +8,9 @@ import pandas as pd
 
 from olne_bench.bench.report.escapes import write_csv
 from olne_bench.bench.text import one_line
-from olne_bench.envs.tracks.prediction import Foreseen, predict_cars, prediction_table
+from olne_bench.envs.tracks.prediction import STEP, Foreseen, predict_cars, prediction_table
 from olne_bench.envs.tracks.reading import on_lanes
+from olne_bench.envs.worlds.video import SUFFIXES, check_format, write_video
 from olne_bench.files import check_new_file
 
 
@@ -23,23 +24,30 @@ def predict(
     players: tuple[str, ...],
     out: Path | None,
     picture: Path | None,
+    film: Path | None,
 ) -> None:
     """Predict the cars in TRACKS from a time on."""
     if out is not None:
         check_new_file("--out", out, (".csv",))
     if picture is not None:
         check_new_file("--picture", picture, (".png", ".svg", ".pdf"))
+    if film is not None:
+        check_new_file("--film", film, SUFFIXES)
+        check_format(film)
     grid, lanes = on_lanes(tracks, format_name, road, part)
     time = float(grid.times[-1]) if at is None else at
     found = predict_cars(grid, lanes, time, ahead, players=players)
     _say(found, time, ahead)
     if out is not None:
         write_csv(prediction_table(found), out, new=True)
-    if picture is not None:
+    if picture is not None or film is not None:
         from olne_bench.bench.report.figures import people, style
 
         with style.applied():
-            people.draw(found, grid, lanes, time).savefig(picture)
+            if picture is not None:
+                people.draw(found, grid, lanes, time).savefig(picture)
+            if film is not None:
+                write_video(film, people.film(found, grid, lanes, time), fps=1 / STEP)
 
 
 def _say(found: list[Foreseen], at: float, ahead: float) -> None:

@@ -130,6 +130,7 @@ def groups() -> None:
 )
 @click.option("--out", type=PATH, help="New CSV file of positions and errors.")
 @click.option("--picture", type=PATH, help="New PNG, SVG or PDF file.")
+@click.option("--film", type=PATH, help="New GIF or MP4 file, a frame for each 0.2 s.")
 def predict() -> None:
     """Predict where the cars in TRACKS, or in a recording, will be.
 

@@ -1,8 +1,10 @@
 """Predictions of recorded cars on their lanes."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Ellipse
@@ -17,8 +19,19 @@ _MARGIN = 12.0  # [m] around what is shown
 _WIDTH, _LEAST, _MOST = 8.0, 3.0, 9.0  # [inch]
 
 
-def draw(found: Sequence[Foreseen], grid: Grid, road: Road, at: float) -> Figure:
-    """Lanes, the way so far, what is predicted, with 90 % regions, and what was recorded."""
+def film(found: Sequence[Foreseen], grid: Grid, road: Road, at: float) -> Iterator[np.ndarray]:
+    """Frames (height, width, 3) uint8 of ``draw``, one for each time that is predicted."""
+    for step in range(len(found[0].times)):
+        canvas = FigureCanvasAgg(draw(found, grid, road, at, step))
+        canvas.draw()
+        yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
+
+
+def draw(found: Sequence[Foreseen], grid: Grid, road: Road, at: float, step: int = -1) -> Figure:
+    """Lanes, the way so far, what is predicted up to a step, with 90 % regions, and what happened.
+
+    The place that is shown is that of all steps.
+    """
     shown = np.concatenate([np.vstack([one.game, one.straight, one.recorded]) for one in found])
     shown = shown[np.isfinite(shown).all(axis=1)]
     low, high = shown.min(axis=0) - _MARGIN, shown.max(axis=0) + _MARGIN
@@ -28,21 +41,23 @@ def draw(found: Sequence[Foreseen], grid: Grid, road: Road, at: float) -> Figure
     for lane in road.lanes.values():
         axes.plot(*lane.line.T, color=_LANE, linewidth=1, zorder=0)
     before = grid.times <= at + 1e-6
-    for one in found:
+    step %= len(found[0].times)
+    for one in (_so_far(each, step + 1) for each in found):
         past = grid.states[before, grid.players.index(one.player), :2]
         axes.plot(*past.T, color=_PAST, linewidth=1.2)
         axes.plot(*one.straight.T, color=_STRAIGHT, linewidth=1.2, linestyle=(0, (3, 2)))
         axes.plot(*one.game.T, color=_GAME, linewidth=1.8)
         axes.plot(*one.recorded[::2].T, ".", color="black", markersize=3.5)
         axes.plot(*one.game[0], "s", color=_PAST, markersize=4)
-        axes.add_patch(_region(one))
+        if step:
+            axes.add_patch(_region(one))
         if len(found) <= 12:
             axes.annotate(
                 style.printable(one.player), one.game[0], (0, 5), textcoords="offset points"
             )
     axes.set(xlim=(low[0], high[0]), ylim=(low[1], high[1]), xlabel="x [m]", ylabel="y [m]")
     axes.set_aspect("equal")
-    seconds = found[0].times[-1]
+    seconds = found[0].times[step]
     style.entitle(figure, f"{len(found)} cars, {seconds:g} s ahead of {at:g} s")
     style.legend_below(
         figure,
@@ -54,6 +69,12 @@ def draw(found: Sequence[Foreseen], grid: Grid, road: Road, at: float) -> Figure
         ],
     )
     return figure
+
+
+def _so_far(one: Foreseen, steps: int) -> Foreseen:
+    """The first steps of what is predicted of a car."""
+    parts = {name: getattr(one, name)[:steps] for name in ("times", "game", "straight", "recorded")}
+    return replace(one, **parts)
 
 
 def _region(one: Foreseen) -> Ellipse:

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from PIL import Image
 
 import olne_bench as ob
 from olne_bench.bench.commands.cli import main
@@ -64,14 +65,16 @@ def test_a_file_of_many_cars_has_groups_of_which_one_is_imported(tracks, tmp_pat
 
 
 def test_predictions_are_said_written_and_drawn(tracks, tmp_path, capsys):
-    out, picture = tmp_path / "ahead.csv", tmp_path / "ahead.png"
+    out, picture, film = (tmp_path / f"ahead.{kind}" for kind in ("csv", "png", "gif"))
     chosen = ("--players", "car 2,car 0", "--at", 2, "--ahead", 3)
-    run("predict", tracks, *chosen, "--out", out, "--picture", picture)
+    run("predict", tracks, *chosen, "--out", out, "--picture", picture, "--film", film)
     said = capsys.readouterr().out
     assert "mean error along the lane of the 1 with a leader" in said
     table = pd.read_csv(out)
     assert list(table["player"].unique()) == ["car 2", "car 0"]
     assert picture.stat().st_size > 10_000
+    with Image.open(film) as frames:
+        assert frames.n_frames == 16  # each 0.2 s of three, and now
     found = ob.predict(tracks, at=2.0, ahead=3.0, players=["car 2", "car 0"])
     pd.testing.assert_frame_equal(
         found.fillna(""), table.fillna(""), check_dtype=False, rtol=1e-6, atol=1e-6

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
+from highway_env.vehicle.kinematics import Vehicle
 
 from olne_bench.envs.drive.cars import ROADS, STEP, STEPS, EgoCost, proposed_cars
+from olne_bench.envs.drive.footprint import gap
 
 
 @pytest.fixture
@@ -65,3 +67,17 @@ def test_the_cost_of_plans_is_that_of_their_steps_until_cars_overlap(cost) -> No
     assert costs[1] == pytest.approx(drive)
     alone = ego.share(free[0, :1], controls[0])
     assert ego.of_plans(free[:, :1], controls) == pytest.approx(alone)  # nobody is there
+
+
+def test_a_plan_that_leaves_half_of_the_room_collides_with_a_chance_of_one_half(cost) -> None:
+    ego, state = cost
+    slow = state - np.array([0, 0, 0, 3.0])
+    motion = np.stack([np.stack([slow, slow + np.array([0, 8.0, 0, 0])])] * 5)
+    motion[2, 1] = slow + np.array([0, Vehicle.WIDTH + 0.4, 0, 0])
+    controls = np.zeros((4, 2))
+    assert gap(motion[2, 0], motion[2, 1]) == pytest.approx(0.4)
+    steps = ego.shares(motion[:-1], controls)
+    after = 0.5 + 0.5 * steps[2:]
+    expected = np.concatenate([steps[:2], after]).mean()
+    assert ego.of_plans(motion, controls, room=0.8) == pytest.approx(expected)
+    assert ego.of_plans(motion, controls, room=0.4) == pytest.approx(steps.mean())
