@@ -46,8 +46,8 @@ _END_SECONDS = 2.0
 _ERRORS = 2
 #: Signals that end a process; pygame, which HighwayEnv imports, would end it by another one.
 _FATAL = (signal.SIGILL, signal.SIGFPE, signal.SIGBUS, signal.SIGSEGV)
-#: What HighwayEnv imports for plots and tables, which takes a second and few processes need.
-_LATE = ("matplotlib.pyplot", "pandas")
+#: What HighwayEnv imports for plots, which takes half a second and no process here needs.
+_LATE = "matplotlib.pyplot"
 #: Variables that a process of foreign code receives, by name and by the beginning of a name.
 _VARIABLES = ("PATH", "LANG", "LANGUAGE", "TZ", "CC", "LD_LIBRARY_PATH", "VIRTUAL_ENV")
 _FAMILIES = (
@@ -267,8 +267,7 @@ def serve(descriptor: int, modules: Sequence[str]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C is for the driver
     # Arrow's own pool takes a gibibyte of address space, which counts against memory limits.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
-    for name in _LATE:
-        _import_at_first_use(name)
+    _import_at_first_use(_LATE)
     _import(modules)
     _serve(socket.socket(fileno=descriptor))
 
@@ -338,9 +337,10 @@ def _import(modules: Sequence[str]) -> None:
 
 
 def _import_at_first_use(name: str) -> None:
-    """Let a module be imported once something asks for what is in it."""
-    late = ModuleType(name)
-    late.__spec__ = find_spec(name)  # others look there for whether it is installed
+    """Let a module, no package, be imported once something asks for what is in it."""
+    late, spec = ModuleType(name), find_spec(name)
+    # Others look there for whether it is installed, and where.
+    late.__spec__, late.__file__ = spec, spec.origin if spec else None
     sys.modules[name] = late
 
     def asked(attribute: str) -> Any:

@@ -23,8 +23,8 @@ def film(found: Sequence[Foreseen], grid: Grid, road: Road, at: float) -> Iterat
     """Frames (height, width, 3) uint8 of ``draw``, one for each time that is predicted."""
     for step in range(len(found[0].times)):
         canvas = FigureCanvasAgg(draw(found, grid, road, at, step))
-        canvas.draw()
-        yield np.asarray(canvas.buffer_rgba())[..., :3].copy()
+        canvas.draw()  # type: ignore[no-untyped-call]
+        yield np.asarray(canvas.buffer_rgba())[..., :3].copy()  # type: ignore[no-untyped-call]
 
 
 def draw(found: Sequence[Foreseen], grid: Grid, road: Road, at: float, step: int = -1) -> Figure:

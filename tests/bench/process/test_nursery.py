@@ -62,20 +62,20 @@ def end_by_a_signal() -> str:
     return ""
 
 
-def tables_beside_highway() -> list[bool]:
-    """Whether tables were there when HighwayEnv was, whether they are found, and whether they work.
+def plots_beside_highway() -> list[bool]:
+    """Whether plots were there when HighwayEnv was, whether they are found, and whether they work.
 
     In a process that begins anew.
     """
     import_module("highway_env.envs")
-    before = "pandas.core" in sys.modules
-    pandas = import_module("pandas")
-    return [before, find_spec("pandas") is not None, pandas.DataFrame({"a": [1]}).shape == (1, 1)]
+    before = "matplotlib.figure" in sys.modules
+    pyplot = import_module("matplotlib.pyplot")
+    return [before, find_spec("matplotlib.pyplot") is not None, pyplot.figure().axes == []]
 
 
-def test_what_highway_env_imports_for_tables_waits_until_it_is_used(child, monkeypatch):
+def test_what_highway_env_imports_for_plots_waits_until_it_is_used(child, monkeypatch):
     monkeypatch.setattr(nursery, "_own", None)
-    assert child.call(tables_beside_highway, kind=list[bool], seconds=60) == [False, True, True]
+    assert child.call(plots_beside_highway, kind=list[bool], seconds=60) == [False, True, True]
 
 
 def test_processes_are_forks_of_one(child):

@@ -11,7 +11,7 @@ from olne_bench.envs.drive.information import (
     value_of_information,
 )
 from olne_bench.envs.drive.nash_traffic import nash_plan
-from olne_bench.envs.drive.planner import Mind
+from olne_bench.envs.drive.planner import LEAST_GAP, Mind
 from tests.envs.drive.conftest import MERGE, true_minds
 
 Meeting = tuple[tuple[Car, ...], np.ndarray]
@@ -55,9 +55,11 @@ def test_it_is_the_same_each_time_and_a_first_plan_loses(meeting: Meeting) -> No
     assert value(meeting, guesses) == value(meeting, guesses)
 
 
-def test_a_start_where_every_plan_collides_is_none(
-    meeting: Meeting, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("less", [0.01, 0.0])
+def test_a_start_at_which_even_the_truth_keeps_no_room_is_none(
+    meeting: Meeting, monkeypatch: pytest.MonkeyPatch, less: float
 ) -> None:
     cars, _ = meeting
-    monkeypatch.setattr(information, "gap", lambda one, _: np.zeros((*one.shape[:2], 2)))
-    assert loss_of_first_plan(cars, MERGE, SEEN, guesses_at(cars)) is None
+    monkeypatch.setattr(information, "gap", lambda one, _: np.full(one.shape[:2], LEAST_GAP - less))
+    loss = loss_of_first_plan(cars, MERGE, SEEN, guesses_at(cars))
+    assert (loss is None) == (less > 0)
