@@ -45,14 +45,14 @@ setup: $(VENV)/.installed
 learners: $(VENV)/.learners
 
 # Ranks need some draws, and these take minutes. `make paper` and `make roads` go on with them.
-PART = --seeds 9 \
+PART = --seeds 7 \
 	$(addprefix --scenario ,highway merge two_way roundabout intersection merging) \
 	$(addprefix --estimator ,kkt_constrained map ridge kkt_residual uniform) \
 	$(addprefix --sensor ,full partial) \
 	$(addprefix --sigma ,0.05 0.5 0.0016 0.016)
 
 bench: setup
-	$(BIN)/olne-bench run paper --out $(OUT)/paper --jobs $(JOBS) --seeds 12
+	$(BIN)/olne-bench run paper --out $(OUT)/paper --jobs $(JOBS) --seeds 9
 	$(BIN)/olne-bench run roads --out $(OUT)/roads --jobs $(JOBS) $(PART)
 
 bench-quick: setup
