@@ -54,7 +54,7 @@ def run(
             _note(f"solved draws are read from {todo.draws}")
         if todo.number < todo.total:
             _note(f"{todo.total - todo.number} of {todo.total} trials are done already")
-        interrupted = run_all(todo.trials, todo.number, store, machine)
+        interrupted = run_all(todo.trials, todo.number, store, machine, reported=report)
     if interrupted is not None:
         sys.stdout.flush()
         sys.stderr.flush()
@@ -91,9 +91,12 @@ def _note(line: str) -> None:
 
 
 def run_all(
-    todo: Iterable[Trial], number: int, store: Store, machine: Machine
+    todo: Iterable[Trial], number: int, store: Store, machine: Machine, *, reported: bool = False
 ) -> signal.Signals | None:
-    """Run trials and store them; return the signal that interrupted them, if any."""
+    """Run trials, of which a report may follow, and store them.
+
+    Returns the signal that interrupted them, if any.
+    """
     failures: Counter[str] = Counter()
     faults: Counter[str] = Counter()
     with stop_request() as stop:
@@ -101,7 +104,7 @@ def run_all(
         with tqdm(total=number, unit="trial", smoothing=0.05, mininterval=0.5) as bar:
             for outcome in run_stored(todo, machine, store, stop):
                 stored += 1
-                if stored == 1:  # its processes are born
+                if stored == 1 and reported:  # its processes are born
                     nursery.meanwhile([_WRITER])
                 if outcome.status == "harness_error":
                     faults[outcome.message] += 1

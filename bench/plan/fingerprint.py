@@ -107,7 +107,6 @@ def _locate(folder: Path, name: str) -> Path | None:
     return None
 
 
-@lru_cache(maxsize=512)
 def _listed(folder: Path) -> frozenset[str]:
     """Names of what is in a folder; none if there is no such folder."""
     try:
