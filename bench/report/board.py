@@ -51,8 +51,20 @@ def verdict(scores: pd.DataFrame, comparisons: pd.DataFrame, study: Study = USUA
         said += f"; allowing for all pairs, {listed(ties)} cannot be told apart from it"
     better = [row["estimator"] for row in floors if row["score"] < best["score"]]
     if better:
-        said += f"; {better[0]}, which ignores the data, has smaller ones"
+        own = scores[(scores["error"] == error) & (scores["sensor"] == score.ALL)]
+        said += f"; {_lucky(better[0], own, names[0], study)}"
     return f"{said}."
+
+
+def _lucky(floor: str, scores: pd.DataFrame, best: str, study: Study) -> str:
+    """Where a floor beats the best estimator, from the scores by scenario, and what that means."""
+    told = scores[scores["sigma"].isna() & (scores["scenario"] != score.ALL)]
+    table = told.pivot_table(index="scenario", columns="estimator", values="score")
+    where = [str(name) for name in table.index[table[floor] < table[best]]]
+    if where and all(map(study.is_published, where)):
+        of = "the fixed true weights of " + listed(where)
+        return f"{floor} ignores the data and wins where {of} are near its guess"
+    return f"{floor}, which ignores the data, has smaller ones"
 
 
 def _change(ratio: float) -> str:

@@ -29,6 +29,9 @@ class Work(ctypes.Structure):
         ("shift", ctypes.c_double),
         ("enforced", ctypes.c_void_p),
         ("relaxation", ctypes.c_double),
+        ("num_samples", ctypes.c_int),
+        ("loss_nonzeros", ctypes.c_int),
+        *[(name, ctypes.c_void_p) for name in ("loss", "loss_hessian", "loss_places")],
     )
 
 

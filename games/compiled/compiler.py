@@ -1,6 +1,7 @@
 """Compiles C source to libraries and keeps them in a folder that only their owner can write to.
 
-A library's file name holds two digests: one of source, flags and compiler, and one of its bytes.
+A library may be made of several sources, whose objects are kept, as other libraries share them.
+A file's name holds two digests: one of source, flags and compiler, and one of its bytes.
 One that does not match its name or cannot be trusted (``olne_bench.kept_files``) is compiled again.
 
 Code is compiled for one of two kinds of processor, which ``backend`` names, not for the present
@@ -25,9 +26,10 @@ import shutil
 import subprocess
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import cached_property, lru_cache
 from pathlib import Path
 
 from olne_bench.errors import UserError
@@ -40,11 +42,11 @@ from olne_bench.kept_files import (
     why_foreign,
 )
 
-#: Largest total size of the libraries [bytes].
+#: Largest total size of libraries and objects [bytes].
 SIZE_LIMIT = 500_000_000
 
 _FLAGS = (
-    *("-O3", "-funroll-loops", "-fPIC", "-shared", "-fvisibility=hidden"),
+    *("-O3", "-funroll-loops", "-fPIC", "-fvisibility=hidden"),
     # The compiler may reorder sums; NaN and infinity keep their meaning.
     *("-fno-math-errno", "-fno-trapping-math", "-fno-signed-zeros", "-fassociative-math"),
 )
@@ -65,6 +67,31 @@ _SCRATCH = "compiling-"
 _ABANDONED = 3600.0  # [s] after which a compilation's scratch folder counts as abandoned
 
 
+@dataclass(frozen=True)
+class _Kept:
+    """A file that is kept: what compiles it, of which sources, and how its name ends."""
+
+    command: tuple[str, ...]
+    flags: tuple[str, ...]
+    sources: tuple[str, ...]
+    suffix: str  # .so, or .o of an object
+
+    @cached_property
+    def key(self) -> str:
+        """A digest of all that it is made of."""
+        parts = [*self.sources, *self.flags, *_identity(self.command)]
+        return hashlib.sha256("\n".join(parts).encode()).hexdigest()
+
+    def name(self, path: Path) -> str:
+        """Its name: a digest of its key, and one of key and content, which is in ``path``."""
+        content = hashlib.sha256(self.key.encode() + path.read_bytes()).hexdigest()
+        return f"{self.key[:32]}-{content[:32]}{self.suffix}"
+
+    def candidates(self, folder: Path) -> list[Path]:
+        """Files of a folder that say they are it."""
+        return sorted(folder.glob(f"{self.key[:32]}-*{self.suffix}"))
+
+
 def backend() -> str:
     """What solves games here: ``native: `` and the compiler, its target and further flags.
 
@@ -78,11 +105,14 @@ def backend() -> str:
 
 
 @lru_cache(maxsize=64)
-def load(source: str, *flags: str) -> ctypes.CDLL:
-    """The library of a source with further flags; UserError without compiler, or if it fails."""
+def load(source: str, *flags: str, shared: tuple[str, ...] = ()) -> ctypes.CDLL:
+    """The library of a source, and of others that libraries ``shared``, with further flags.
+
+    UserError without compiler, or if it fails.
+    """
     command = _compiler()
     try:
-        return _load(command, source, (*_processor_flags(command), *flags))
+        return _load(command, (source, *shared), (*_processor_flags(command), *flags))
     except OSError as error:
         raise UserError(f"games cannot be compiled: {error}") from error
 
@@ -139,29 +169,34 @@ def _further_flags() -> list[str]:
 @lru_cache(maxsize=4)
 def _processor_flags(command: tuple[str, ...]) -> tuple[str, ...]:
     """Flags of the kind of processor that this is."""
-    return _WIDE_FLAGS if _load(command, _PROBE).has_wide_vectors() else ()
+    return _WIDE_FLAGS if _load(command, (_PROBE,)).has_wide_vectors() else ()
 
 
-def _load(command: tuple[str, ...], source: str, further: tuple[str, ...] = ()) -> ctypes.CDLL:
+def _load(
+    command: tuple[str, ...], sources: Sequence[str], further: tuple[str, ...] = ()
+) -> ctypes.CDLL:
     flags = [*_FLAGS, *further, *_further_flags()]
-    key = hashlib.sha256("\n".join([source, *flags, *_identity(command)]).encode()).hexdigest()
-    if shared := _shared(key):
-        return ctypes.CDLL(str(shared))
-    folder = _folder()
+    library = _Kept(command, tuple(flags), tuple(sources), ".so")
     try:
-        if kept := _kept(folder, key):
-            return ctypes.CDLL(str(kept))
-        with _alone(folder, key):
-            kept = _kept(folder, key)  # another process may have compiled it meanwhile
-            return ctypes.CDLL(str(kept or _compile([*command, *flags], source, folder, key)))
+        return ctypes.CDLL(str(_made(library)))
     except OSError:  # another process may have removed it just now
-        return ctypes.CDLL(str(_compile([*command, *flags], source, folder, key)))
+        return ctypes.CDLL(str(_compile(library)))
+
+
+def _made(wanted: _Kept) -> Path:
+    """The file, compiled unless it is kept or shared."""
+    if shared := _shared(wanted):
+        return shared
+    if kept := _kept(wanted):
+        return kept
+    with _alone(wanted):  # another process may compile it meanwhile
+        return _kept(wanted) or _compile(wanted)
 
 
 @contextmanager
-def _alone(folder: Path, key: str) -> Iterator[None]:
+def _alone(wanted: _Kept) -> Iterator[None]:
     """Wait for other processes that compile the same; a sandbox has no locks, and needs none."""
-    path = folder / f"{key[:32]}.lock"
+    path = _folder() / f"{wanted.key[:32]}.lock"
     with path.open("w") as file:
         with suppress(OSError):
             fcntl.flock(file, fcntl.LOCK_EX)
@@ -169,25 +204,23 @@ def _alone(folder: Path, key: str) -> Iterator[None]:
         path.unlink(missing_ok=True)
 
 
-def _compile(command: list[str], source: str, folder: Path, key: str) -> Path:
+def _compile(wanted: _Kept) -> Path:
+    folder, (source, *shared) = _folder(), wanted.sources
+    objects = [_made(replace(wanted, sources=(one,), suffix=".o")) for one in shared]
     # Compiled in a scratch folder and moved in one step, so that processes may race.
     with tempfile.TemporaryDirectory(prefix=_SCRATCH, dir=folder) as scratch:
-        code, library = Path(scratch, "source.c"), Path(scratch, "library.so")
+        code, found = Path(scratch, "source.c"), Path(scratch, "found")
         code.write_text(source)
         # Zig keeps what it has made of the C library; its own folder may be out of reach.
         kept = {"ZIG_LOCAL_CACHE_DIR": scratch, "ZIG_GLOBAL_CACHE_DIR": str(folder / "zig")}
-        _run([*command, str(code), "-o", str(library), "-lm"], **kept)
-        library.chmod(0o700)
-        path = folder / _name(key, library)
-        library.replace(path)
+        inputs = ["-shared", str(code), *map(str, objects), "-lm"]
+        chosen = ["-c", str(code)] if wanted.suffix == ".o" else inputs
+        _run([*wanted.command, *wanted.flags, *chosen, "-o", str(found)], **kept)
+        found.chmod(0o700)
+        path = folder / wanted.name(found)
+        found.replace(path)
     _tidy(folder, keep=path)
     return path
-
-
-def _name(key: str, library: Path) -> str:
-    """File name of a library: a digest of its key, and one of key and content."""
-    content = hashlib.sha256(key.encode() + library.read_bytes()).hexdigest()
-    return f"{key[:32]}-{content[:32]}.so"
 
 
 def shared_folders() -> list[Path]:
@@ -201,21 +234,20 @@ def reader_environment(own: Path) -> dict[str, str]:
     return {SHARED: shared, "OLNE_BENCH_CACHE": str(own)}
 
 
-def _shared(key: str) -> Path | None:
-    """A library from a shared folder, which is read-only; files that do not fit are ignored."""
-    name = f"{key[:32]}-*.so"
-    for path in (one for folder in folders_of_others() for one in sorted(folder.glob(name))):
+def _shared(wanted: _Kept) -> Path | None:
+    """A file from a shared folder, which is read-only; files that do not fit are ignored."""
+    for path in (path for folder in folders_of_others() for path in wanted.candidates(folder)):
         with suppress(OSError):
-            if not why_foreign(path) and path.name == _name(key, path):
+            if not why_foreign(path) and path.name == wanted.name(path):
                 return path
     return None
 
 
-def _kept(folder: Path, key: str) -> Path | None:
-    """A kept library that is ours and unchanged; files that are not are removed."""
-    for path in sorted(folder.glob(f"{key[:32]}-*.so")):
+def _kept(wanted: _Kept) -> Path | None:
+    """A kept file that is ours and unchanged; files that are not are removed."""
+    for path in wanted.candidates(_folder()):
         try:
-            wrong = why_foreign(path) or ("" if path.name == _name(key, path) else "damaged")
+            wrong = why_foreign(path) or ("" if path.name == wanted.name(path) else "damaged")
             if not wrong:
                 os.utime(path)  # for the order in which libraries are removed
                 return path
@@ -244,4 +276,4 @@ def _tidy(folder: Path, keep: Path) -> None:
         with suppress(FileNotFoundError):  # another process does the same
             if time.time() - path.stat().st_mtime > _ABANDONED:
                 shutil.rmtree(path, ignore_errors=True)
-    remove_oldest(folder.glob("*.so"), SIZE_LIMIT, keep)
+    remove_oldest([*folder.glob("*.so"), *folder.glob("*.o")], SIZE_LIMIT, keep)

@@ -33,11 +33,12 @@ from olne_bench.games.compiled.bindings import LARGEST_INT, Work, declared, dens
 from olne_bench.games.compiled.compiler import has_wide_vectors, load
 from olne_bench.games.compiled.complementarity import RELAXATION
 from olne_bench.games.compiled.four_games import FourGames, work_space
+from olne_bench.games.compiled.loss import Loss, loss_and_numbers
 from olne_bench.games.compiled.source import source_of
 from olne_bench.games.compiled.stage_functions import StageFunctions, stage_functions
 from olne_bench.games.model.constraints import described
 from olne_bench.games.model.game import Game
-from olne_bench.games.model.numbers import numbers_table, structure_and_numbers, view_and_numbers
+from olne_bench.games.model.numbers import numbers_table, structure_and_numbers
 from olne_bench.games.model.observation import VIEWS, View
 from olne_bench.games.model.unknowns import at_means, unknowns_of
 
@@ -56,24 +57,25 @@ class Elimination:
         stages: StageFunctions,
         horizon: int,
         numbers: np.ndarray,
-        view_numbers: np.ndarray,
         constraint_numbers: np.ndarray,
+        loss_and_numbers: tuple[Loss, np.ndarray],
         library: ctypes.CDLL,
     ) -> None:
-        """Numbers are those of the game (N, P), of its view (P,), of its constraints (C, P)."""
+        """Numbers are those of the game (N, P), of its constraints (C, P), of its view (P,)."""
+        self._loss, view_numbers = loss_and_numbers
         self.stages, self.horizon, self.library = stages, horizon, library
         self.enforced = _enforced(stages, horizon)
         self._columns = stages.num_states + stages.num_weights
         self._shape = (horizon, stages.size)
         self._arrays = work_space(stages, horizon) | {
             "numbers": dense("numbers", numbers, (stages.num_players, numbers.shape[1])),
-            "view_numbers": dense("view_numbers", view_numbers, (stages.loss.num_numbers,)),
+            "view_numbers": dense("view_numbers", view_numbers, (self._loss.num_numbers,)),
             "constraint_numbers": dense("numbers", constraint_numbers, constraint_numbers.shape),
             "enforced": self.enforced.astype(float),
         }
         pointers = {name: array.ctypes.data for name, array in self._arrays.items()}
-        self.work = Work(horizon, relaxation=RELAXATION, **pointers)
-        self.set_observations(np.zeros((horizon, stages.num_samples)))
+        self.work = Work(horizon, relaxation=RELAXATION, **pointers, **self._loss.fields())
+        self.set_observations(np.zeros((horizon, self.num_samples)))
 
     @cached_property
     def four(self) -> FourGames | None:
@@ -81,6 +83,11 @@ class Elimination:
         if self.stages.num_multipliers or self.stages.constraints or not has_wide_vectors():
             return None
         return FourGames(self.stages, self.horizon, self._arrays["numbers"])
+
+    @property
+    def num_samples(self) -> int:
+        """N*d, of all players in one step."""
+        return self.stages.num_players * self._loss.num_samples
 
     @property
     def relaxation(self) -> float:
@@ -108,7 +115,7 @@ class Elimination:
 
     def set_observations(self, y: np.ndarray, noise_scale: np.ndarray | float = 1.0) -> None:
         """Observations (T, N*d), NaN where missing, and relative standard deviations (N*d,)."""
-        shape = (self.horizon, self.stages.num_samples)
+        shape = (self.horizon, self.num_samples)
         y, noise_scale = dense("y", y, shape), np.asarray(noise_scale, dtype=float)
         if noise_scale.shape not in ((), (1,), shape[1:]):
             raise ValueError(f"noise_scale has the shape {noise_scale.shape}, expected {shape[1:]}")
@@ -341,9 +348,10 @@ def _interior_elimination(game: Game) -> Elimination:
 
 
 def _compiled(game: Game, view: View, *, condensed: bool) -> Elimination:
-    stages = stage_functions(game, view, condensed=condensed)
-    library = declared(load(source_of(stages)))
+    stages = stage_functions(game, condensed=condensed)
+    source, functions = source_of(stages)
+    library = declared(load(source, shared=(functions,)))
     structure, numbers = structure_and_numbers(game)
-    view_numbers = view_and_numbers(view, structure.dynamics)[1]
     own = numbers_table(game.constraints, game.dt)
-    return Elimination(stages, game.horizon, numbers, view_numbers, own, library)
+    loss = loss_and_numbers(view, structure.dynamics)
+    return Elimination(stages, game.horizon, numbers, own, loss, library)

@@ -48,7 +48,8 @@ class FourGames:
 
     def __init__(self, stages: StageFunctions, horizon: int, numbers: np.ndarray) -> None:
         """Numbers (N, P) are those of all four."""
-        self.library = declared(load(source_of_four(stages), *FLAGS))
+        source, functions = source_of_four(stages)
+        self.library = declared(load(source, *FLAGS, shared=(functions,)))
         self._arrays = work_space(stages, horizon, _SLOTS)
         self._arrays["numbers"] = _aligned((*numbers.shape, _SLOTS))
         self._arrays["numbers"][:] = numbers[..., None]

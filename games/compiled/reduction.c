@@ -17,7 +17,7 @@
 static inline void loss_values(const Work *w, Function *function, const double *z, int t, int i,
                                double *out)
 {
-    const int sample = t * ND + i * SAMPLES;
+    const int sample = (t * PLAYERS + i) * w->num_samples;
     const double *arguments[] = {z + t * SZ + i * STATES, w->samples + sample,
                                  w->precision + sample, w->view_numbers};
     double *results[] = {out};
@@ -30,7 +30,7 @@ API double observation_loss(const Work *w, const double *z, double *gradient)
     double sum = 0, result[1 + STATES];
     for (int t = 0; t < w->horizon; t++) {
         for (int i = 0; i < PLAYERS; i++) {
-            loss_values(w, loss, z, t, i, result);
+            loss_values(w, w->loss, z, t, i, result);
             sum += result[0];
             memcpy(gradient + t * SZ + i * STATES, result + 1, STATES * sizeof(double));
         }
@@ -180,9 +180,10 @@ API void reduced_hessian(Work *w, const double *z, const double *theta, const do
         if (t < last)
             add_equations(w, HESSIAN_OF, t, z + t * SZ, theta, multipliers + t * SZ, values);
         for (int i = 0; i < PLAYERS; i++) {
-            const int *places = (t == last ? FINAL_LOSS_PLACES : LOSS_PLACES)[i];
-            loss_values(w, loss_hessian, z, t, i, of_loss);
-            for (int e = 0; e < LOSS_HESSIAN; e++) values[places[e]] += of_loss[e];
+            const int *own = (t == last ? FINAL_OWN_STATES : OWN_STATES)[i];
+            loss_values(w, w->loss_hessian, z, t, i, of_loss);
+            for (int e = 0; e < w->loss_nonzeros; e++)
+                values[own[w->loss_places[e]]] += of_loss[e];
         }
     }
     sum_of_stages(w, 0, W);

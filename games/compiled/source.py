@@ -1,11 +1,12 @@
 """Writes the C source of a structure of games: sizes, functions of its terms, tables of these.
 
 CasADi writes the functions of one player and of a pair as C. The numbers of a game are arguments,
-so that games which differ in goals, targets, lanes or dt share one library, for any horizon.
+so that games which differ in goals, targets, lanes or dt share one library, for any horizon. These
+functions are a source of their own, which games of other numbers of players share.
 """
 
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import lru_cache
 from importlib.resources import files
 
@@ -28,23 +29,32 @@ _LIMITS = {"inf": "INFINITY", "nan": "NAN"}
 
 
 @lru_cache(maxsize=64)
-def source_of(stages: StageFunctions) -> str:
-    """The C source of a structure of games."""
-    functions = derived("functions", stages.origin, lambda: _functions(stages))
+def source_of(stages: StageFunctions) -> tuple[str, str]:
+    """The C source of a structure of games, and the one of its functions."""
+    functions = _functions(stages)
+    code = derived("functions", stages.origin, lambda: generated(functions))
     names = [*_ONE, "interior.c"] if stages.constraints else _ONE
-    parts = [text_of("one.c"), functions, *map(text_of, names)]
-    return _defines(_sizes(stages)) + "".join(parts).replace("DEFINITIONS", _definitions(stages))
+    parts = [text_of("one.c"), _prototypes(functions), *map(text_of, names)]
+    source = _defines(_sizes(stages)) + "".join(parts)
+    source = source.replace("DEFINITIONS", _definitions(stages))
+    return source, f"#define CASADI_SYMBOL_EXPORT\n#include <math.h>\n{code}"
 
 
 @lru_cache(maxsize=64)
-def source_of_four(stages: StageFunctions) -> str:
-    """The C source of Newton's method and sensitivities for four games, without constraints."""
-    functions = derived("functions of four", stages.origin, lambda: _functions_of_four(stages))
-    sizes = _sizes(stages) | {"CURVATURE": 0, "SAMPLES": 0, "LOSS_HESSIAN": 0}
+def source_of_four(stages: StageFunctions) -> tuple[str, str]:
+    """The same of Newton's method and sensitivities for four games, without constraints."""
+    functions = {
+        f"term{k}_{name}": kind.functions[name]
+        for k, kind in enumerate(stages.kinds)
+        for name in FUNCTIONS[:4]
+    }
+    code = derived("functions of four", stages.origin, lambda: four_of(functions))
+    sizes = _sizes(stages) | {"CURVATURE": 0}
     without = "#define add_equations(...)\n#define add_condensed(...)\n#define definite(M) 1\n"
-    parts = [text_of("four.c"), functions, without, *map(text_of, _FOUR)]
+    parts = [text_of("four.c"), _prototypes(functions), without, *map(text_of, _FOUR)]
     lines = [*_stage_patterns(stages), *_terms(stages, FUNCTIONS[:4])]
-    return _defines(sizes) + "".join(parts).replace("DEFINITIONS", "\n".join(lines))
+    source = _defines(sizes) + "".join(parts).replace("DEFINITIONS", "\n".join(lines))
+    return source, text_of("four.c") + code
 
 
 def text_of(name: str) -> str:
@@ -66,12 +76,10 @@ def _sizes(stages: StageFunctions) -> dict[str, int]:
         "CONTROLS": stages.own_controls,
         "MULTIPLIERS": stages.num_multipliers,
         "WEIGHTS": stages.num_weights // count,
-        "SAMPLES": stages.num_samples // count,
         "NUMBERS": max(kind.num_numbers for kind in stages.kinds),
         "BLOCKS": sum(pattern.size for pattern in stages.blocks),
         "FINAL_BLOCKS": sum(pattern.size for pattern in stages.final_blocks),
         "CURVATURE": max(stages.curvature.size, stages.final_curvature.size),
-        "LOSS_HESSIAN": stages.loss.pattern.size,
         "NUM_TERMS": len(stages.terms),
         "MOST_VALUES": _longest(f for kind in stages.kinds for f in kind.functions.values()),
         "NUM_CONSTRAINTS": len(stages.constraints),
@@ -91,46 +99,35 @@ def _longest(functions: Iterable[ca.Function]) -> int:
     return max((function.numel_out(0) for function in functions), default=1)
 
 
-def _functions(stages: StageFunctions) -> str:
-    """CasADi's C code of all functions: ``term<kind>_<name>`` and so on, and of the loss."""
+def _functions(stages: StageFunctions) -> dict[str, ca.Function]:
+    """All functions, by their names in C: ``term<kind>_<name>`` and so on."""
     groups = {f"term{k}": kind.functions for k, kind in enumerate(stages.kinds)}
     for k, pair in enumerate(stages.constraint_kinds):
         groups |= {f"constraint{k}_{last}": one.functions for last, one in enumerate(pair)}
     groups |= {f"equation{k}": one.functions for k, one in enumerate(stages.complementarity_kinds)}
-    named = [
-        ca.Function(f"{group}_{name}", function.sx_in(), function.call(function.sx_in()))
-        for group, functions in groups.items()
-        for name, function in functions.items()
-    ]
-    code = _generated([*named, stages.loss.value, stages.loss.hessian])
-    return f"#define CASADI_SYMBOL_EXPORT static\n{code}"
+    return {f"{group}_{name}": one for group, own in groups.items() for name, one in own.items()}
 
 
-def _generated(functions: Sequence[ca.Function]) -> str:
+def _prototypes(names: Iterable[str]) -> str:
+    """What C has to know of functions in another source."""
+    arguments = "const real **, real **, int *, real *, int"
+    return "".join(f"int {name}({arguments});\n" for name in names)
+
+
+def generated(functions: Mapping[str, ca.Function]) -> str:
+    """CasADi's C code of functions by the names they have there, which check no arguments."""
     generator = ca.CodeGenerator("stages", {"casadi_int": "int"})
-    for function in functions:
-        generator.add(function)
+    for name, one in functions.items():
+        generator.add(ca.Function(name, one.sx_in(), one.call(one.sx_in())))
     return without_checks(generator.dump())
 
 
-def _functions_of_four(stages: StageFunctions) -> str:
-    """CasADi's C code of values and Jacobians, with the names and types of ``four.c``."""
-    return four_of(
-        [
-            ca.Function(f"term{k}_{name}", own.sx_in(), own.call(own.sx_in()))
-            for k, kind in enumerate(stages.kinds)
-            for name, own in kind.functions.items()
-            if name in FUNCTIONS[:4]
-        ]
-    )
-
-
-def four_of(functions: Sequence[ca.Function]) -> str:
+def four_of(functions: Mapping[str, ca.Function]) -> str:
     """CasADi's C code of functions by their names, for four games at a time behind ``four.c``."""
-    code = _generated(functions)
-    bodies = re.findall(r"^static int casadi_f\d+\(.*?^}\n", code, re.M | re.S)
-    names = [f"#define {function.name()} casadi_f{k}\n" for k, function in enumerate(functions)]
-    return "".join([*map(_in_four, bodies), *names])
+    code = generated(functions)
+    bodies = re.findall(r"^static int casadi_f\d+(\(.*?^}\n)", code, re.M | re.S)
+    named = zip(functions, map(_in_four, bodies), strict=True)
+    return "".join(f"int {name}{body}" for name, body in named)
 
 
 def _in_four(code: str) -> str:
@@ -158,8 +155,8 @@ def _definitions(stages: StageFunctions) -> str:
     """Patterns, kinds of terms and terms, as ``stages.c`` needs them."""
     lines = _stage_patterns(stages)
     lines += _patterns("PATTERN", [stages.curvature]) + _patterns("FINAL", [stages.final_curvature])
-    for k, name in enumerate(("LOSS_PLACES", "FINAL_LOSS_PLACES")):
-        rows = [_integers(places[k]) for places in stages.loss_indices]
+    for k, name in enumerate(("OWN_STATES", "FINAL_OWN_STATES")):
+        rows = [_square(places[k]) for places in stages.own_states]
         lines.append(f"static const int *const {name}[PLAYERS] = {_braces(rows)};")
     owned: list[list[int]] = [[] for _ in range(stages.num_players)]
     for index, term in enumerate(stages.terms):
@@ -167,6 +164,14 @@ def _definitions(stages: StageFunctions) -> str:
     lists = [_braces([len(own), _integers(own)]) for own in owned]
     lines += [*_terms(stages, FUNCTIONS), _table("TermsOf TERMS_OF[PLAYERS]", lists)]
     return "\n".join([*lines, *_constraints(stages), *_equations(stages)])
+
+
+def _square(triangle: np.ndarray) -> str:
+    """Places of a triangle (n (n + 1) / 2,) in a square matrix, which has none below it."""
+    n = int(np.sqrt(2 * len(triangle)))
+    square = np.full((n, n), -1)
+    square[np.triu_indices(n)] = triangle
+    return _integers(square.ravel())
 
 
 def _stage_patterns(stages: StageFunctions) -> list[str]:

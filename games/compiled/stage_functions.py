@@ -14,7 +14,9 @@ derived once, which take the numbers of a game (targets, lanes, dt) as an argume
 derivatives are the nonzeros of named blocks and, for the inverse problem, there are second
 derivatives of
 
-    l_t = loss(x_t; y_t) + p' g_x + q' g_u - r' f           (p, q, r: multipliers of rx, ru, rf).
+    l_t = loss(x_t; y_t) + p' g_x + q' g_u - r' f           (p, q, r: multipliers of rx, ru, rf),
+
+all but the loss, which ``games.compiled.loss`` adds.
 
 The blocks of one stage, all of them taken at (x_t, u_t, lambda_t, theta):
 
@@ -27,7 +29,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import accumulate
 
-import casadi as ca
 import numpy as np
 
 from olne_bench.games.compiled.complementarity import (
@@ -42,36 +43,12 @@ from olne_bench.games.compiled.constraint_functions import (
     kind_of,
 )
 from olne_bench.games.compiled.derived import derived
-from olne_bench.games.compiled.stage_patterns import Entries, Pattern, half, merged, nonzeros
+from olne_bench.games.compiled.stage_patterns import Entries, Pattern, merged
 from olne_bench.games.compiled.terms import FUNCTIONS, Term, TermFunctions, term_functions, terms_of
 from olne_bench.games.model.constraints import Constraint
 from olne_bench.games.model.dynamics import Dynamics
 from olne_bench.games.model.game import Game
-from olne_bench.games.model.numbers import (
-    Structure,
-    numbers_of,
-    structure_and_numbers,
-    view_and_numbers,
-    with_symbols,
-)
-from olne_bench.games.model.observation import View, observation_size
-
-
-@dataclass(frozen=True, eq=False)
-class LossFunctions:
-    """Squared error of the samples of one player.
-
-    Functions take (x (n,), y (d,), precision (d,), numbers of the view (P,)).
-    """
-
-    value: ca.Function  # sum (precision (y - h(x)))^2 and its gradient (n,), in one column
-    hessian: ca.Function  # nonzeros of the upper triangle, the diagonal halved, of its Hessian
-    pattern: Pattern  # where these sit
-
-    @property
-    def num_numbers(self) -> int:
-        """P, of the view."""
-        return self.value.numel_in(3)
+from olne_bench.games.model.numbers import Structure, structure_and_numbers
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,26 +65,24 @@ class TermPlace:
 
 @dataclass(frozen=True, eq=False)
 class StageFunctions:
-    """Everything about games of one structure, and one observation model, for an elimination."""
+    """Everything about games of one structure for an elimination."""
 
-    origin: tuple[Structure, View, bool]  # what they are derived from; condensed constraints?
+    origin: tuple[Structure, bool]  # what they are derived from; condensed constraints?
     num_players: int  # N
     num_states: int  # N*n
     num_controls: int  # N*m, plus C where multipliers of constraints are unknowns of a stage
     num_weights: int  # N*K
-    num_samples: int  # N*d
     kinds: tuple[TermFunctions, ...]  # the functions of the terms
     terms: tuple[TermPlace, ...]  # all terms; their sum is the stage
-    loss: LossFunctions  # the observation model
     blocks: tuple[Pattern, ...]  # patterns of Q, P, X, S, R, U, A, B
     final_blocks: tuple[Pattern, ...]  # the same of the last stage; all but Q and X are empty
     #: Upper triangle, its diagonal halved, of the Hessian of l_t in the order (x, u, lambda,
     #: theta): the Hessian is this plus its transpose.
     curvature: Pattern
     final_curvature: Pattern  # the same for the last stage, in the same order
-    #: Of each player, where the nonzeros of ``loss.hessian`` belong in the curvature and in that of
-    #: the last stage.
-    loss_indices: tuple[tuple[np.ndarray, np.ndarray], ...]
+    #: Of each player, where the upper triangle of its own states, row by row, is in the curvature
+    #: and in that of the last stage: the loss of its samples belongs there.
+    own_states: tuple[tuple[np.ndarray, np.ndarray], ...]
     #: The functions of the constraints: of every step but the last, of the last.
     constraint_kinds: tuple[tuple[ConstraintFunctions, ConstraintFunctions], ...]
     #: All constraints, whose margins come one after another.
@@ -140,25 +115,22 @@ class StageFunctions:
         return 2 * self.num_states + self.num_controls
 
 
-def stage_functions(game: Game, view: View, *, condensed: bool = False) -> StageFunctions:
+def stage_functions(game: Game, *, condensed: bool = False) -> StageFunctions:
     """Derive (or fetch) the stage functions of a game; constraints are condensed, or equations."""
-    structure, _ = structure_and_numbers(game)
-    own_view = view_and_numbers(view, structure.dynamics)[0]
-    return _stage_functions(structure, own_view, condensed)
+    return _stage_functions(structure_and_numbers(game)[0], condensed)
 
 
 @lru_cache(maxsize=64)
-def _stage_functions(structure: Structure, view: View, condensed: bool) -> StageFunctions:
-    origin = structure, view, condensed
+def _stage_functions(structure: Structure, condensed: bool) -> StageFunctions:
+    origin = structure, condensed
     return derived("stages", origin, lambda: _derive(*origin))
 
 
-def _derive(structure: Structure, view: View, condensed: bool) -> StageFunctions:
+def _derive(structure: Structure, condensed: bool) -> StageFunctions:
     dynamics, constraints = structure.dynamics, structure.constraints
     terms = terms_of(structure)
     term_kinds = list(dict.fromkeys(term.kind for term in terms))
     kinds = tuple(term_functions(kind) for kind in term_kinds)
-    loss = _loss_functions(view, dynamics)
     pairs, equations, placed = _kinds_and_places(constraints, dynamics, condensed)
     multipliers = sum(equations[kind].num_margins for _, kind, _ in placed if not condensed)
     layout = _Layout(len(structure.players), structure, multipliers)
@@ -167,26 +139,24 @@ def _derive(structure: Structure, view: View, condensed: bool) -> StageFunctions
         parts += [layout.constraint_entries(one, pairs[kind]) for one, kind, _ in placed]
     else:
         parts += [layout.equation_entries(one, equations[k], offset) for one, k, offset in placed]
-    patterns, indices = _merged_parts(parts + layout.loss_entries(loss))
+    patterns, indices = _merged_parts(parts + layout.own_states())
     of_constraints = list(zip(placed, indices[len(terms) :], strict=False))
     return StageFunctions(
-        origin=(structure, view, condensed),
+        origin=(structure, condensed),
         num_players=layout.players,
         num_states=layout.players * layout.n,
         num_controls=layout.players * layout.m + layout.multipliers,
         num_weights=layout.players * layout.weights,
-        num_samples=layout.players * observation_size(view, dynamics),
         kinds=kinds,
         terms=tuple(
             TermPlace(term_kinds.index(term.kind), term.owner, term.players, found)
             for term, found in zip(terms, indices, strict=False)
         ),
-        loss=loss,
         blocks=patterns["jacobian"],
         final_blocks=patterns["final_jacobian"],
         curvature=patterns["hessian"][0],
         final_curvature=patterns["final_hessian"][0],
-        loss_indices=tuple(
+        own_states=tuple(
             (found["hessian"], found["final_hessian"]) for found in indices[len(parts) :]
         ),
         constraint_kinds=pairs,
@@ -240,25 +210,6 @@ def _merged_parts(
     return patterns, indices
 
 
-@lru_cache(maxsize=64)
-def _loss_functions(view: View, dynamics: Dynamics) -> LossFunctions:
-    """Squared error of the samples, each times its precision (eqn. inverse_approach)."""
-    state = ca.SX.sym("x", dynamics.state_size)
-    sample = ca.SX.sym("y", observation_size(view, dynamics))
-    precision = ca.SX.sym("precision", sample.numel())
-    numbers = ca.SX.sym("numbers", len(numbers_of(view)))
-    expected = with_symbols(view, numbers).expected(state, dynamics)
-    loss = ca.sumsqr(precision * (sample - expected))
-    pattern, values = nonzeros("H", half(ca.hessian(loss, state)[0]))
-    arguments = [state, sample, precision, numbers]
-    column = ca.densify(ca.vertcat(loss, ca.gradient(loss, state)))
-    return LossFunctions(
-        value=ca.Function("loss", arguments, [column]),
-        hessian=ca.Function("loss_hessian", arguments, [ca.densify(values)]),
-        pattern=pattern,
-    )
-
-
 class _Layout:
     """Where the rows and columns of one player's terms are in those of the whole game."""
 
@@ -302,15 +253,13 @@ class _Layout:
         sides = _sides(states, inputs, states, inputs, theta)
         return _placed(functions.patterns, sides | {"G": (rows, _ONE), "H": (order, order)})
 
-    def loss_entries(self, loss: LossFunctions) -> list[dict[str, Entries]]:
-        """The nonzeros of the Hessian of each player's loss, the same at the end."""
-        found = []
-        for i in range(self.players):
-            places: Entries = [
-                ("H", i * self.n + loss.pattern.rows, i * self.n + loss.pattern.columns)
-            ]
-            found.append({"hessian": places, "final_hessian": places})
-        return found
+    def own_states(self) -> list[dict[str, Entries]]:
+        """The upper triangle of each player's states, the same at the end."""
+        rows, columns = np.triu_indices(self.n)
+        places: list[Entries] = [
+            [("H", i * self.n + rows, i * self.n + columns)] for i in range(self.players)
+        ]
+        return [{"hessian": own, "final_hessian": own} for own in places]
 
 
 #: Rows and columns, by the names of blocks.

@@ -2,7 +2,7 @@
  *
  * This file and those behind it are compiled for one game at a time (one.c), and again for four
  * (four.c), where a `real` has a slot for each. Before it, games/compiled/source.py writes
- * the sizes of one player (STATES n, CONTROLS m, WEIGHTS K, SAMPLES d, NUMBERS P), PLAYERS N and the
+ * the sizes of one player (STATES n, CONTROLS m, WEIGHTS K, NUMBERS P), PLAYERS N and the
  * functions of games/compiled/stage_functions.py; into it, the nonzero patterns, the kinds of terms
  * and the terms of a stage, each a function of one player or of a pair. The numbers of a game
  * (goals, targets, lanes, dt) are run-time data. games/compiled/elimination.py explains the
@@ -14,7 +14,6 @@
 #define NX (PLAYERS * STATES)
 #define NU (PLAYERS * CONTROLS + MULTIPLIERS)
 #define NT (PLAYERS * WEIGHTS)
-#define ND (PLAYERS * SAMPLES)
 #define SZ (2 * NX + NU)        /* length of z_t */
 #define PC (NX + NT)            /* columns of Z: d z / d (x_1, theta) */
 #define OFF_U NX                /* where u_t, and ru_t, start */
@@ -94,7 +93,7 @@ typedef struct {
     const real *numbers;            /* (PLAYERS, NUMBERS) of the game */
     const real *view_numbers;       /* of the observation model */
     const real *constraint_numbers; /* (constraints, CONSTRAINT_NUMBERS) */
-    const real *samples, *precision;/* (T, ND) */
+    const real *samples, *precision;/* (T, PLAYERS, num_samples) */
     real *blocks;                   /* (T, BLOCKS) first derivatives */
     real *curvature;                /* (T, CURVATURE) second derivatives */
     real *V;                        /* (T, NX, NX) lambda_{t-1} = -V_t x_t + v_t */
@@ -107,6 +106,9 @@ typedef struct {
     double shift;                   /* what the last factorisation added to Q and R */
     const real *enforced;           /* (T, MULTIPLIERS) 1 where a constraint is enforced */
     double relaxation;              /* tau of games/compiled/complementarity.py */
+    int num_samples, loss_nonzeros; /* d, and of the Hessian of games/compiled/loss.py */
+    Function *loss, *loss_hessian;
+    const int *loss_places;         /* (loss_nonzeros,) in (STATES, STATES) */
 } Work;
 
 /* Of the mirror in games/compiled/bindings.py */

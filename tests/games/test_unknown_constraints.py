@@ -122,7 +122,7 @@ def test_derivatives_in_theta_are_true() -> None:
     d_theta = rng.standard_normal(theta.size)
     multipliers = rng.standard_normal(z.shape)
     multipliers[0, :end] = multipliers[-1, end:] = 0
-    solver.set_observations(np.full((12, solver.stages.num_samples), np.nan))
+    solver.set_observations(np.full((12, solver.num_samples), np.nan))
     assert solver.linearise(z, theta)
     along = solver.sensitivities()[..., end:] @ d_theta  # keeps G = 0 as theta changes
     ahead, behind = (solver.evaluate(z + s * h * along, theta + s * h * d_theta) for s in (1, -1))

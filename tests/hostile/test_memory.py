@@ -33,9 +33,9 @@ def plugin(tmp_path) -> Path:
     for folder in (run, copy, KEPT_DRAWS.folder):
         folder.mkdir(exist_ok=True)
     (run / "trials.sqlite").write_text("salt")
-    (draws,) = shipped_draws().glob("*.draws")
-    shutil.copy(draws, copy)
-    secrets = [str(run / "trials.sqlite"), str(draws), str(copy / draws.name), "/etc/shadow"]
+    secrets = [str(run / "trials.sqlite"), "/etc/shadow"]
+    for draws in shipped_draws().glob("*.draws"):
+        secrets += [str(draws), shutil.copy(draws, copy)]
     secrets += [f"/proc/{os.getpid()}/{name}" for name in ("mem", "environ", "maps", "cmdline")]
     file.with_suffix(".json").write_text(json.dumps(secrets))
     return file

@@ -123,6 +123,25 @@ def test_a_library_under_the_name_of_another_is_not_loaded(cache: Path) -> None:
     assert (library.answer(), other.answer()) == (42, 43)
 
 
+def test_an_object_serves_all_libraries_that_share_it(
+    cache: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shared = "int number(void) { return 40; }"
+    sources = ["int number(void);" + SOURCE.replace("42", f"number() + {more}") for more in (2, 3)]
+    answers = [compiler.load.__wrapped__(one, shared=(shared,)).answer() for one in sources]
+    assert answers == [42, 43]
+    (kept,) = cache.glob("*.o")
+    content, made = kept.read_bytes(), kept.stat().st_ino
+    kept.write_bytes(content[:-1] + b"\1")
+    third = "int number(void);" + SOURCE.replace("42", "number() + 4")
+    assert compiler.load.__wrapped__(third, shared=(shared,)).answer() == 44
+    (again,) = cache.glob("*.o")
+    assert again.read_bytes() == content and again.stat().st_ino != made
+    monkeypatch.setattr(compiler, "SIZE_LIMIT", 1)
+    load()
+    assert not list(cache.glob("*.o"))
+
+
 @pytest.mark.parametrize("wrong", ["writable by others", "owned by another user", "a file"])
 def test_a_folder_that_is_not_ours_alone_is_not_used(
     wrong: str,

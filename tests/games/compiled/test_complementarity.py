@@ -88,7 +88,7 @@ def test_second_derivatives_are_true() -> None:
     z, d = _random_point(solver)
     multipliers = np.random.default_rng(1).standard_normal(z.shape)
     multipliers[0, : solver.stages.num_states] = multipliers[-1, solver.stages.num_states :] = 0
-    solver.set_observations(np.full((12, solver.stages.num_samples), np.nan))
+    solver.set_observations(np.full((12, solver.num_samples), np.nan))
     solver.linearise(z, theta)
     solver.sensitivities()
     solver.reduced_hessian(z, theta, multipliers)

@@ -14,7 +14,6 @@ from olne_bench.games.model.costs import Proximity
 from olne_bench.games.model.dynamics import UNICYCLE
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.numbers import structure_and_numbers
-from olne_bench.games.model.observation import VIEWS
 
 
 @pytest.fixture(autouse=True)
@@ -65,11 +64,11 @@ def test_functions_that_are_read_are_those_that_were_derived(
     folder: Path, crossing: tuple[Game, np.ndarray, np.ndarray]
 ) -> None:
     structure, _ = structure_and_numbers(crossing[0])
-    first, second = (
-        _stage_functions.__wrapped__(structure, VIEWS["partial"], False) for _ in range(2)
-    )
+    first, second = (_stage_functions.__wrapped__(structure, False) for _ in range(2))
     assert len(list(folder.iterdir())) == 1
     assert source_of.__wrapped__(first) == source_of.__wrapped__(second)
     assert len(list(folder.iterdir())) == 2
-    values = [one.loss.value(*map(np.ones, (4, 3, 3, 0))).full() for one in (first, second)]
+    functions = [one.kinds[0].functions["value"] for one in (first, second)]
+    ones = [np.ones(functions[0].size_in(k)) for k in range(functions[0].n_in())]
+    values = [function(*ones).full() for function in functions]
     np.testing.assert_array_equal(*values)

@@ -36,7 +36,7 @@ class Case:
         self.z, self.right = 0.3 * rng.standard_normal(shape), rng.standard_normal(shape)
         self.z[-1, self.nx :] = 0
         self.right[0, : self.nx] = self.right[-1, self.nx :] = 0
-        self.y = rng.standard_normal((self.game.horizon, stages.num_samples))
+        self.y = rng.standard_normal((self.game.horizon, self.solver.num_samples))
         self.y[2, 1] = np.nan
         self.solver.set_observations(self.y)
 

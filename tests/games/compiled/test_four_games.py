@@ -39,7 +39,7 @@ API void rows(int count, const real *x, const real *y, real *out)
 }
 """
     size = f"#define SIZE {function.numel_out(0)}\n"
-    library = load(text_of("four.c") + four_of([function]) + size + loop, *FLAGS)
+    library = load(text_of("four.c") + four_of({"every": function}) + size + loop, *FLAGS)
     library.rows.argtypes = [ctypes.c_int, *[vector_pointer(1)] * 2, vector_pointer(1, output=True)]
     return function, library
 

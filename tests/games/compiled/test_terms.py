@@ -18,7 +18,6 @@ from olne_bench.games.model.costs import (
 from olne_bench.games.model.dynamics import UNICYCLE
 from olne_bench.games.model.game import Game, Player
 from olne_bench.games.model.numbers import structure_and_numbers
-from olne_bench.games.model.observation import VIEWS
 from tests.games.conftest import rows_agree
 
 
@@ -65,7 +64,7 @@ def reach(feature: Feature) -> list[tuple[int, ...]]:
 def test_a_sum_over_others_is_a_term_of_each_pair() -> None:
     pairs = [(0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1)]
     assert reach(Proximity()) == reach(CarProximity(4.0, 2.0)) == pairs
-    assert len(stage_functions(three(Proximity()), VIEWS["full"]).kinds) == 2
+    assert len(stage_functions(three(Proximity())).kinds) == 2
 
 
 def test_what_is_no_sum_over_others_is_a_term_of_everybody() -> None:

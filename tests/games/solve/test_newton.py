@@ -11,7 +11,6 @@ from olne_bench.envs.scenarios.scenario import Scenario
 from olne_bench.games.compiled.elimination import elimination
 from olne_bench.games.compiled.source import source_of
 from olne_bench.games.compiled.stage_functions import stage_functions
-from olne_bench.games.model.observation import VIEWS
 from olne_bench.games.solve.batch import solve_batch
 from olne_bench.games.solve.information import trajectory_sensitivity
 from olne_bench.games.solve.newton import newton_root, rows, unpack
@@ -195,6 +194,9 @@ def test_a_batch_refuses_bad_input(scenario: Scenario, equilibrium: Equilibrium)
 def test_games_that_differ_in_numbers_share_one_library() -> None:
     goals = [get_scenario("random", seed, num_players=2).game for seed in (1, 2)]
     games = [*goals, dataclasses.replace(goals[0], dt=0.2, horizon=7)]
-    assert len({stage_functions(game, VIEWS["full"]) for game in games}) == 1
-    sources = {source_of(stage_functions(game, VIEWS["full"])) for game in games}
+    assert len({stage_functions(game) for game in games}) == 1
+    sources = {source_of(stage_functions(game)) for game in games}
     assert len(sources) == 1
+    other = get_scenario("random", 1, num_players=3).game
+    source, functions = source_of(stage_functions(other))
+    assert {functions} == {one for _, one in sources} and source not in {s for s, _ in sources}

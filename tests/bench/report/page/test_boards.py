@@ -42,6 +42,18 @@ def test_ties_worse_ones_and_guesses_are_told(factors, expected) -> None:
     assert expected in said(FACTORS | factors)
 
 
+def test_a_guess_that_fixed_weights_make_right_is_told_as_such() -> None:
+    told = trials(FACTORS)
+    guessed = (told["estimator"] == "uniform") & (told["scenario"] == "two_player")
+    told.loc[guessed, "position_error"] *= 1e-6
+    logs = log_errors(told, STUDY)
+    text = verdict(score_table(logs, STUDY), pair_table(logs, STUDY), STUDY)
+    assert text.endswith(
+        "; uniform ignores the data and wins where the fixed true weights of two_player are near "
+        "its guess."
+    )
+
+
 def test_few_draws_tell_nothing_and_one_estimator_is_alone() -> None:
     assert "are too few to tell estimators apart" in said(FACTORS, seeds=1)
     alone = said({"map": 1.0, "uniform": 3.0})
