@@ -66,7 +66,7 @@ class NeuralPosterior:
         if reason is not None:
             return Estimate(weights=uniform_weights(problem), converged=False, message=reason)
         game = problem.game
-        states = _states(problem, observation)
+        states = states_of(problem, observation)
         chart = NormalChart.of(replace(problem, prior=FLAT))  # the prior of its training
         flat = problem.prior == FLAT
         drawn = self.count if flat else _MORE * self.count
@@ -134,7 +134,7 @@ def _networks() -> dict[str, MixtureNetwork]:
     return {network.game: network for network in networks}
 
 
-def _states(problem: Problem, observation: Observation) -> np.ndarray:
+def states_of(problem: Problem, observation: Observation) -> np.ndarray:
     """Samples (T, N, n) at their places in the state; NaN where nothing is seen."""
     dynamics = problem.game.dynamics
     states = np.full(problem.game.state_shape, np.nan)

@@ -149,4 +149,8 @@ def test_print_cuts_nothing(browser: Browser, page: Path) -> None:
     cut = "(e) => e.scrollWidth > e.clientWidth + 1"
     assert not tab.evaluate(f"[...document.querySelectorAll('pre, .scroll, .plot')].some({cut})")
     assert tab.locator("select:visible, #play:visible, nav:visible").count() == 0
+    shown = tab.locator(".chips button:visible .swatch")
+    assert shown.count() == tab.locator(".chips button[aria-pressed=true]").count() > 0
+    exact = "(e) => getComputedStyle(e).printColorAdjust"
+    assert shown.first.evaluate(exact) == "exact"
     context.close()
