@@ -11,21 +11,11 @@ TRUE = "as told"
 #: Dials of changes that any scenario has, and of those that need lanes and metres.
 ANYWHERE = {
     "feedback": (0.25, 0.5, 1.0), "responding": (0.25, 0.5, 1.0), "leading": (0.25, 0.5, 1.0),
-    "alone": (0.1, 0.3, 1.0), "hidden_cost": (0.1, 0.3, 1.0), "noise_level": (-1.0, 1.0, 2.0),
+    "alone": (0.1, 0.3, 1.0), "hidden_cost": (1.0, 3.0, 6.0), "noise_level": (-1.0, 1.0, 2.0),
     "student_noise": (0.2, 0.333, 0.4), "outliers": (0.01, 0.05, 0.1),
     "lagged_noise": (0.3, 0.6, 0.8), "bias": (0.3, 1.0, 2.0), "clock_offset": (0.1, 0.25, 0.5),
 }  # fmt: skip
 ON_ROADS = ANYWHERE | {
-    "replanning": (2.0, 1.0, 0.4), "entropic": (0.001, 0.01, 0.1), "stock": (0.5, 1.0, 1.5),
-    "target_speed": (1.0, 3.0, 5.0), "lane_offset": (0.2, 0.5, 1.0),
-    "vehicle_length": (0.1, 0.3, 1.0), "wheelbase": (0.05, 0.2, 0.5),
-    "unseen_cars": (1.0, 2.0, 3.0),
-}  # fmt: skip
-CROSSING = ANYWHERE | {
-    "replanning": (2.0, 1.0, 0.5), "entropic": (0.0001, 0.001, 0.01),
-    "target_speed": (0.05, 0.1, 0.2), "goal": (0.05, 0.1, 0.2),
-}  # fmt: skip
-ROADS = ANYWHERE | {
     "replanning": (2.0, 1.0, 0.4), "entropic": (0.001, 0.01, 0.1), "stock": (0.5, 1.0, 1.5),
     "target_speed": (1.0, 3.0, 5.0), "lane_offset": (0.2, 0.5, 1.0),
     "vehicle_length": (0.1, 0.3, 1.0), "wheelbase": (0.05, 0.2, 0.5),

@@ -13,6 +13,7 @@ from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Landmark, RoadObject
 from threadpoolctl import ThreadpoolController
 
+from olne_bench.envs.drive.footprint import gap
 from olne_bench.envs.traffic.lanes_ahead import curve_speeds, points_along_lanes, pursuit_controls
 from olne_bench.envs.traffic.planning_vehicle import PLAN_STEP, STEPS, PlanningVehicle, VehiclePlan
 from olne_bench.games.solve.reference_game import FAR_AWAY, Plan, ReferenceGame, Situation
@@ -23,6 +24,9 @@ NUM_OTHERS = 3  # predicted vehicles and obstacles that each player avoids besid
 SIGHT = 80.0  # [m], largest distance of these
 MAX_SHIFTS = 3  # plan steps for which an old plan may be used
 BETWEEN = 3  # number of points between two plan steps at which contact is checked
+_STANDS = 0.1  # [m] in a plan step: the direction of what moves less is not known
+_CROSSES = 0.3  # sine of the angle from which on a car crosses
+_ROOM = 0.3  # [m] that is kept to one that does
 #: Steering [rad] and acceleration [m/s^2]: a Newton step within these is the last one.
 SMALL_CHANGE = (2e-3, 0.1)
 Group = list[PlanningVehicle]
@@ -115,7 +119,7 @@ def predicted_positions(other: RoadObject) -> np.ndarray:
 
 def plan_together(road: Road) -> None:
     """Give a plan to each vehicle whose plan is due, in games of neighbours."""
-    groups = planning_groups(road)
+    groups, age = planning_groups(road), _age_of_plans(road)
     for group in groups:
         for member in group:
             member.choose_lane()
@@ -130,10 +134,16 @@ def plan_together(road: Road) -> None:
     for group, start, situation, solution in zip(
         groups, starts, situations, solutions, strict=True
     ):
-        collides = _run_into_something(solution.states, situation.others)
+        collides, room = _run_into_something(solution.states, situation.others)
         for index, member in enumerate(group):
             plan = _next_plan(solution, index, bool(collides[index]), start[index], report)
-            member.adopt(plan)
+            member.adopt(plan, float(room[index]), age)
+
+
+def _age_of_plans(road: Road) -> float:
+    """Age [s] of plans that are not due: who has entered since plans again with the others."""
+    cars = [one for one in road.vehicles if isinstance(one, PlanningVehicle) and not one.crashed]
+    return min((one.plan_age for one in cars if not one.is_due()), default=0.0)
 
 
 def _solve(situations: list[Situation], starts: Sequence[Starts]) -> list[Plan]:
@@ -180,18 +190,51 @@ def _next_plan(
     return None
 
 
-def _run_into_something(states: np.ndarray, others: np.ndarray) -> np.ndarray:
-    """Mask (N,) of plans (T, N, 4) that lead to contact with others (N, M, T-1, 2) ahead."""
-    own = states[1:].swapaxes(0, 1)  # (N, T-1, 4)
-    players = np.broadcast_to(own[..., :2], (len(own), *own[..., :2].shape))
-    offsets = np.concatenate([players, others], axis=1) - own[:, None, :, :2]
-    cos, sin = np.cos(own[:, None, :, 2]), np.sin(own[:, None, :, 2])
-    ahead = offsets[..., 0] * cos + offsets[..., 1] * sin  # a player is not ahead of itself
-    beside = offsets[..., 1] * cos - offsets[..., 0] * sin
+def _run_into_something(states: np.ndarray, others: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Mask (N,) of plans (T, N, 4) that lead to contact with others (N, M, T-1, 2) ahead.
+
+    Also the way (N,) [m] to the first contact with one that crosses; infinite without one.
+    """
+    own = np.moveaxis(states[1:, :, :3], 0, -1)  # (N, 3, T-1)
+    players = np.broadcast_to(own, (len(own), *own.shape))
+    paths = np.concatenate([players, _poses(others, own[:, None, 2])], axis=1)
     # A car covers its own length in less than a step, so points between steps count as well.
-    ahead, beside = _with_steps_between(ahead), _with_steps_between(beside)
+    mine, theirs = (np.moveaxis(_with_steps_between(one), 2, 0) for one in (own[:, None], paths))
+    (x, y, heading), (px, py, _) = mine, theirs
+    cos, sin = np.cos(heading), np.sin(heading)
+    ahead = (px - x) * cos + (py - y) * sin  # a player is not ahead of itself
+    beside = (py - y) * cos - (px - x) * sin
     contact = (ahead > 0) & (ahead < Vehicle.LENGTH) & (np.abs(beside) < 0.9 * Vehicle.WIDTH)
-    return np.asarray(contact.any(axis=(1, 2)))
+    crosses = np.abs(np.sin(theirs[2] - heading)) > _CROSSES
+    near = crosses & (np.hypot(ahead, beside) < Vehicle.LENGTH + Vehicle.WIDTH)
+    crossing = np.zeros(near.shape, dtype=bool)
+    cars = [np.moveaxis(np.broadcast_to(one, theirs.shape), 0, -1)[near] for one in (mine, theirs)]
+    crossing[near] = gap(*cars) < _ROOM
+    both = np.s_[:, : len(own)]
+    crossing[both] &= _gives_way(crossing[both], ahead[both])
+    start = states[0, :, :2, None]
+    way = np.hypot(x[:, 0] - start[:, 0], y[:, 0] - start[:, 1])
+    way = np.where(crossing.any(axis=1), way, np.inf).min(axis=1)
+    return ((contact & ~crosses) | crossing).any(axis=(1, 2)), way
+
+
+def _gives_way(crossing: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+    """Of two players that would hit each other, who has the other more ahead then: (N, N, 1).
+
+    ``crossing`` says when, ``ahead`` how far [m] the second one is ahead of the first, (N, N, S).
+    """
+    then = np.take_along_axis(ahead, crossing.argmax(axis=2)[..., None], axis=2)
+    back = then.swapaxes(0, 1)
+    first = np.tri(len(then), dtype=bool)[..., None]
+    return np.asarray((then > back) | ((then == back) & first))
+
+
+def _poses(paths: np.ndarray, headings: np.ndarray) -> np.ndarray:
+    """Positions (N, M, S, 2) and directions as (N, M, 3, S); at a stand, headings (N, 1, S)."""
+    dx, dy = np.moveaxis(np.gradient(paths, axis=2), -1, 0)
+    moves = np.hypot(dx, dy) > _STANDS
+    directions = np.unwrap(np.where(moves, np.arctan2(dy, dx), headings))
+    return np.stack([paths[..., 0], paths[..., 1], directions], axis=2)
 
 
 def _with_steps_between(values: np.ndarray) -> np.ndarray:

@@ -2,6 +2,7 @@
 
 from typing import Any
 
+import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
 from olne_bench.envs.traffic.joint_planning import plan_together
@@ -27,7 +28,13 @@ class NashVehicle(PlanningVehicle):
         hardest_braking = -max(self.speed, 0.0) / PLAN_STEP
         if self.plan is None:
             super().act()
-            self.action["acceleration"] = max(self.action["acceleration"], hardest_braking)
+            acceleration = self.action["acceleration"]
+            if np.isfinite(
+                self.room
+            ):  # IDM looks at its own lane, and would hit a car that crosses
+                stopping = self.speed**2 / (2 * max(self.room, 0.1))
+                acceleration = min(acceleration, -min(stopping, self.ACC_MAX))
+            self.action["acceleration"] = max(acceleration, hardest_braking)
             return
         steering, acceleration = self.plan.controls[0].tolist()
         acceleration = max(acceleration, hardest_braking)

@@ -77,6 +77,7 @@ class PlanningVehicle(IDMVehicle):
         self.temperament = temperament(self.TEMPERAMENT)
         self.plan: VehiclePlan | None = None
         self.plan_age = PLAN_STEP  # the first plan is due at once
+        self.room = np.inf  # [m] to the first contact of its last plan with a car that crosses
 
     def set_temperament(self, preset: str | Temperament) -> None:
         """Change the cost weights from the next plan on."""
@@ -104,9 +105,12 @@ class PlanningVehicle(IDMVehicle):
         if self.enable_lane_change:
             self.change_lane_policy()
 
-    def adopt(self, plan: VehiclePlan | None) -> None:
-        """Follow a plan from now on; None means the Intelligent Driver Model."""
-        self.plan, self.plan_age = plan, 0.0
+    def adopt(self, plan: VehiclePlan | None, room: float = np.inf, age: float = 0.0) -> None:
+        """Follow a plan from now on; None means the Intelligent Driver Model, within some room.
+
+        The next one is due at the age PLAN_STEP.
+        """
+        self.plan, self.plan_age, self.room = plan, age, room
 
     def state(self) -> np.ndarray:
         """(4,) px [m], py [m], heading [rad], speed [m/s]."""

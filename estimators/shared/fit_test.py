@@ -23,10 +23,12 @@ from scipy.special import gammainc, gammaincc, ndtr
 
 from olne_bench.estimators.protocol import FIT_LEVEL, Observation, Problem
 from olne_bench.estimators.shared.forward_model import SolvedGame, game_of_motion
-from olne_bench.estimators.shared.posterior_density import STEPS, Places, climbed, density_near
+from olne_bench.estimators.shared.posterior_density import Places, climbed, density_near
 from olne_bench.estimators.shared.white_noise import with_white_noise
 
 _DRAWS = 1000
+#: Steps to the peak: an estimate with a weight of zero begins far from it.
+_STEPS = 100
 #: Level at which the number of independent statistics is found.
 _TAIL = 0.03
 #: Samples, less what was fitted, below which nothing can be tested.
@@ -227,7 +229,7 @@ def peak_near(problem: Problem, seen: Observation, game: SolvedGame) -> Places |
     if not place.possible[0]:
         return None
     try:
-        return climbed(density, place, STEPS)
+        return climbed(density, place, _STEPS)
     except np.linalg.LinAlgError:
         return None
 

@@ -143,8 +143,8 @@ def chosen(
     """The chosen plan of a player, and the counts of the report."""
     report = TrafficReport()
     everybodys = np.repeat(others[None], plan.states.shape[1], axis=0)
-    collides = joint_planning._run_into_something(plan.states, everybodys)
-    assert collides.shape == (plan.states.shape[1],)
+    collides, way = joint_planning._run_into_something(plan.states, everybodys)
+    assert collides.shape == way.shape == (plan.states.shape[1],)
     following = joint_planning._next_plan(plan, index, bool(collides[index]), start, report)
     return following, (report.solved, report.shifted, report.braked)
 
@@ -226,6 +226,51 @@ def test_nobody_jumps_over_somebody_between_two_steps() -> None:
     assert chosen(solution(own), others=others)[1] == (0, 0, 1)
     others[0] = [11.99, 2.0]
     assert chosen(solution(own), others=others)[1] == (1, 0, 0)
+
+
+@pytest.mark.parametrize("turned", [0.5, 1.57, 2.6, -1.2])
+@pytest.mark.parametrize("late", [-1.5, 0.0, 1.5])
+def test_of_two_that_cross_one_gives_way(turned: float, late: float) -> None:
+    """One sees the other more ahead than it is seen; among predicted cars it gives way itself."""
+    start = 20.0 + late
+    other = (-start * np.cos(turned), -start * np.sin(turned), turned, 10.0)
+    own = (-20.0, 0.0, 0.0, 10.0)
+    both = solution(own, other)
+    nobody = np.repeat(NOBODY[None], 2, axis=0)
+    collides, way = joint_planning._run_into_something(both.states, nobody)
+    assert collides.sum() == 1 and np.isfinite(way).tolist() == collides.tolist()
+    assert 10 < way[collides][0] < 21
+    others = NOBODY.copy()
+    others[2] = both.states[1:, 1, :2]
+    alone = solution(own)
+    collides, way = joint_planning._run_into_something(alone.states, others[None])
+    assert collides[0] and 10 < way[0] < 21
+    others[2] += 40 * np.array([np.cos(turned), np.sin(turned)])  # it is far beyond
+    assert not joint_planning._run_into_something(alone.states, others[None])[0][0]
+
+
+def test_who_gives_way_stops_before_the_other_if_it_can() -> None:
+    road = road_with((100.0, 0.0, 10.0))
+    (car,) = road.vehicles
+    for room, expected in ((np.inf, 0.5), (12.5, -4.0), (1.0, -car.ACC_MAX)):
+        car.adopt(None, room)
+        car.act()
+        if np.isinf(room):
+            assert car.action["acceleration"] > expected
+        else:
+            assert car.action["acceleration"] == pytest.approx(expected)
+
+
+def test_who_enters_later_plans_along_from_the_next_plans_on() -> None:
+    road = road_with((100.0, 0.0, 20.0), (120.0, 4.0, 20.0))
+    frames = round(PLAN_STEP * 15)
+    for frame in range(2 * frames):
+        if frame == 2:
+            road.vehicles.append(NashVehicle(road, [140.0, 0.0], speed=20.0, target_speed=25))
+        due = sum(len(group) for group in planning_groups(road))
+        assert due == {0: 2, 2: 1, frames: 3}.get(frame, 0)
+        road.act()
+        road.step(1 / 15)
 
 
 def test_everybody_whose_plan_is_due_gets_one() -> None:

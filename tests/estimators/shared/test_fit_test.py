@@ -96,3 +96,12 @@ def test_a_level_that_is_not_known_is_that_of_the_residuals(expected) -> None:
     residuals = 3 * drawn(expected, np.random.default_rng(5))
     assert expected.test(residuals).verdict == "does not fit"
     assert expected.test(residuals, level_known=False).verdict == "fits"
+
+
+def test_an_estimate_with_weights_of_zero_is_tested_at_the_peak() -> None:
+    """The maximum of the likelihood is far from the peak there; all methods are tested alike."""
+    scenario = ob.scenario("highway_overtaking", seed=0)
+    problem, seen = ob.observe(scenario, sensor="full", sigma=0.09, seed=15)
+    found = [ob.estimate(problem, seen, name) for name in ("kkt_constrained", "map")]
+    assert found[0].weights.min() < 1.1e-5
+    assert found[0].fit.p == pytest.approx(found[1].fit.p, abs=0.05) and found[1].fit.p > 0.1
