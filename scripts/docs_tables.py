@@ -83,9 +83,7 @@ def _scores(error: str) -> pd.DataFrame:
 
 def paper() -> pd.DataFrame:
     """Suite ``paper``: median errors, failures and times."""
-    board = _board("paper").sort_values(
-        ["scenario", "sensor", "position_error_median"], ascending=[False, True, True]
-    )
+    board = _board("paper").sort_values("scenario", ascending=False, kind="stable")
     columns = "position_error_median cosine_error_median limit_ratio failures ms"
     return _rows(board, "scenario sensor estimator", columns)
 

@@ -23,7 +23,7 @@ import pandas as pd
 from highway_env.vehicle.kinematics import Vehicle
 from scipy.stats import chi2
 
-from olne_bench.envs.drive.footprint import gaps
+from olne_bench.envs.roads.footprint import gaps
 
 RATE = 5  # [1/s] of looks
 SECONDS = 20

@@ -39,7 +39,6 @@ from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip
 from olne_bench.envs.drive.cars import ROADS, STEP, Car, EgoCost, prior_of
 from olne_bench.envs.drive.ego_seen import AverageEgo
-from olne_bench.envs.drive.footprint import gap
 from olne_bench.envs.drive.planner import (
     CONSTRAINED,
     EgoPlan,
@@ -51,6 +50,7 @@ from olne_bench.envs.drive.responding import RespondingPlanner
 from olne_bench.envs.drive.setting import KNOWN, THROUGH, DriveSetting
 from olne_bench.envs.drive.starts import NoDriveError
 from olne_bench.envs.drive.world import DriveWorld, seen
+from olne_bench.envs.roads.footprint import gap
 from olne_bench.estimators.protocol import Problem
 
 #: How far ahead predictions are scored [s].

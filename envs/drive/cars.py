@@ -16,7 +16,7 @@ import casadi as ca
 import numpy as np
 from highway_env.vehicle.kinematics import Vehicle
 
-from olne_bench.envs.drive.footprint import gap
+from olne_bench.envs.roads.footprint import gap
 from olne_bench.envs.roads.highway_roads import DT, SIMULATION_FREQUENCY
 from olne_bench.envs.roads.road_scenario import RoadFamily, speed_feature
 from olne_bench.envs.roads.temperaments import TEMPERAMENTS, checked_shares, tempered_prior

@@ -16,7 +16,7 @@ import numpy as np
 
 from olne_bench.envs.drive.cars import FIRST_STEP, STEP, Car, drive_game
 from olne_bench.envs.drive.ego_seen import EgoSeen
-from olne_bench.envs.drive.footprint import CarsApart, gaps
+from olne_bench.envs.roads.footprint import CarsApart, gaps
 from olne_bench.envs.roads.highway_roads import MAX_ACCELERATION, MAX_STEERING
 from olne_bench.games.model.game import Game
 from olne_bench.games.solve.best_response import grown_plans

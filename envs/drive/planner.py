@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from olne_bench.envs.drive.cars import FIRST_STEP, MOTION, STEP, drive_game
-from olne_bench.envs.drive.footprint import CarsApart
+from olne_bench.envs.roads.footprint import CarsApart
 from olne_bench.envs.roads.highway_roads import MAX_ACCELERATION, MAX_STEERING
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.game import Game, Player

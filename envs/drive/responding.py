@@ -19,7 +19,6 @@ import numpy as np
 
 from olne_bench.envs.drive.cars import MOTION, STEP, Car, DriveRoad, EgoCost, drive_game
 from olne_bench.envs.drive.ego_seen import EgoSeen
-from olne_bench.envs.drive.footprint import gap
 from olne_bench.envs.drive.nash_traffic import REPLAN
 from olne_bench.envs.drive.others import Others, Plans
 from olne_bench.envs.drive.planner import (
@@ -35,6 +34,7 @@ from olne_bench.envs.drive.planner import (
     ego_response,
     later,
 )
+from olne_bench.envs.roads.footprint import gap
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.game import Game
 from olne_bench.games.solve.best_response import best_responses, grown_plans

@@ -15,7 +15,6 @@ import numpy as np
 
 from olne_bench.envs.drive.cars import ROADS, Car, DriveRoad, drive_game, proposed_cars
 from olne_bench.envs.drive.ego_seen import AverageEgo, EgoSeen, LearntEgo
-from olne_bench.envs.drive.footprint import gap, gaps
 from olne_bench.envs.drive.information import (
     loss_of_first_plan,
     plausible_minds,
@@ -24,6 +23,7 @@ from olne_bench.envs.drive.information import (
 from olne_bench.envs.drive.nash_traffic import HORIZON, drivable, nash_plan, plan_apart
 from olne_bench.envs.drive.planner import Mind
 from olne_bench.envs.drive.setting import AVERAGE, ENCOUNTER, KNOWN, STOCK, DriveSetting
+from olne_bench.envs.roads.footprint import gap, gaps
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.solve.best_response import grown_plans
 from olne_bench.games.solve.continuation import coupled_features

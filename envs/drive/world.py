@@ -22,10 +22,10 @@ from olne_bench.envs.drive.cars import (
     DriveRoad,
     proposed_cars,
 )
-from olne_bench.envs.drive.footprint import gap
 from olne_bench.envs.drive.nash_traffic import REPLAN, NashTraffic, PlanCounts
 from olne_bench.envs.drive.setting import NASH, STOCK, THROUGH, DriveSetting
 from olne_bench.envs.drive.starts import ego_seen, first_cars, rng_of
+from olne_bench.envs.roads.footprint import gap
 from olne_bench.envs.roads.highway_roads import SIMULATION_FREQUENCY, make_road
 from olne_bench.envs.roads.road_scenario import NOISE_SCALE
 from olne_bench.envs.roads.simulated_roads import PlayersOnly

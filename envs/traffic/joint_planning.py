@@ -13,7 +13,7 @@ from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import Landmark, RoadObject
 from threadpoolctl import ThreadpoolController
 
-from olne_bench.envs.drive.footprint import gap
+from olne_bench.envs.roads.footprint import gap
 from olne_bench.envs.traffic.lanes_ahead import curve_speeds, points_along_lanes, pursuit_controls
 from olne_bench.envs.traffic.planning_vehicle import PLAN_STEP, STEPS, PlanningVehicle, VehiclePlan
 from olne_bench.games.solve.reference_game import FAR_AWAY, Plan, ReferenceGame, Situation

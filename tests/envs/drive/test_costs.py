@@ -3,7 +3,7 @@ import pytest
 from highway_env.vehicle.kinematics import Vehicle
 
 from olne_bench.envs.drive.cars import ROADS, STEP, STEPS, EgoCost, proposed_cars
-from olne_bench.envs.drive.footprint import gap
+from olne_bench.envs.roads.footprint import gap
 
 
 @pytest.fixture

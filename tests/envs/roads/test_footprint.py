@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.drive.cars import MOTION, STEP
-from olne_bench.envs.drive.footprint import CarsApart, gap, gaps
+from olne_bench.envs.roads.footprint import CarsApart, gap, gaps
 from olne_bench.games.model.costs import Stage
 
 
