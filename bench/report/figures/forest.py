@@ -8,7 +8,7 @@ from matplotlib.ticker import LogLocator, NullLocator
 
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.formats import NotDrawnError
-from olne_bench.bench.report.statistics.score import board_rows
+from olne_bench.bench.report.statistics.score import ALL, board_rows
 from olne_bench.bench.report.study import USUAL, Study
 
 _PANEL, _NAMES, _ROW, _MARGIN = 2.5, 1.8, 0.28, 1.2  # [inch]
@@ -16,8 +16,15 @@ _MOST = 4  # panels
 
 
 def draw(scores: pd.DataFrame, study: Study = USUAL) -> Figure:
-    """A row for each estimator, the best first and floors last, and a panel for each error."""
+    """A row for each estimator, the best first and floors last, and a panel for each error.
+
+    Where all true weights are fixed, a guess may be right by chance, and there are no floors.
+    """
     boards = board_rows(scores, study)
+    fixed = all(map(study.is_published, set(scores["scenario"]) - {ALL}))
+    if fixed:
+        kept = {error: board[~board["floor"]] for error, board in boards.items()}
+        boards = {error: board for error, board in kept.items() if len(board)}
     if not boards:
         raise NotDrawnError("no estimator has a score")
     first = next(iter(boards.values()))
@@ -37,6 +44,7 @@ def draw(scores: pd.DataFrame, study: Study = USUAL) -> Figure:
     note = "geometric mean, 95 % bootstrap interval; hollow: unranked"
     if any(map(study.knows_prior, names)):
         note += "; *: knows how truths are drawn"
+    note += "; no guesses, as true weights are fixed" * fixed
     head = f"{where}: errors relative to {first['reference'].iloc[0]}, with noise"
     style.entitle(figure, head, note)
     return figure

@@ -22,6 +22,17 @@ def test_a_row_for_each_estimator_the_best_first_and_hollow_floors_last() -> Non
     assert "relative to kkt_constrained" in figure.get_suptitle()
 
 
+def test_a_guess_that_fixed_weights_may_make_right_is_not_drawn() -> None:
+    told = trials(FACTORS)
+    fixed = told[told["scenario"] == "two_player"]
+    figure = forest.draw(score_table(log_errors(fixed, STUDY), STUDY), STUDY)
+    names = [label.get_text() for label in figure.axes[0].get_yticklabels()]
+    assert "uniform" not in names and len(names) == 3
+    alone = score_table(log_errors(fixed[fixed["estimator"] == "uniform"], STUDY), STUDY)
+    with pytest.raises(NotDrawnError):
+        forest.draw(alone, STUDY)
+
+
 def test_without_scores_there_is_no_picture() -> None:
     empty = score_table(log_errors(trials(FACTORS).assign(sigma=0.0), STUDY), STUDY)
     with pytest.raises(NotDrawnError, match="no estimator has a score"):
