@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 from pyarrow import parquet
 
-from olne_bench.bench.plan.draws import draws_of
+from olne_bench.bench.plan.draws import draws_of, draws_source
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import KEY_COLUMNS, Trial, in_order_of_plugins
@@ -171,7 +171,11 @@ def repeat(
         rows = [row for row in rows if row["estimator"] in estimator]
     chosen = random.Random(seed).sample(rows, min(number, len(rows)))
     known = {tuple(str(row[name]) for name in KEY_COLUMNS): row for row in chosen}
-    trials = [trial for trial in in_order_of_plugins(load_suite(suite)) if trial.key in known]
+    whole = load_suite(suite)
+    draws = draws_source(suite, whole)
+    trials = [
+        replace(trial, draws=draws) for trial in in_order_of_plugins(whole) if trial.key in known
+    ]
     ended = list(run_trials(trials, jobs=jobs))
     there = ", ".join(sorted({row["environment_version"] for row in chosen}))
     here = ", ".join(sorted({trial.versions.environment for trial in trials}))

@@ -1,8 +1,10 @@
 """The trials that a submission's runs were asked for: counted before they are listed."""
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
+from olne_bench.bench.plan.draws import draws_source
 from olne_bench.bench.plan.learn import learn
 from olne_bench.bench.plan.load import check_suite, load_suite, suite_names
 from olne_bench.bench.plan.select import Selection, select
@@ -46,11 +48,13 @@ def asked(submission: Submission, home: Path, rows: int) -> list[_Asked]:
 
 
 def planned_trials(parts: list[_Asked]) -> dict[Key, Trial]:
-    """All trials of ``asked``, in an order in which they run fast."""
+    """All trials of ``asked``, in an order in which they run fast; their truths as in a run."""
     trials: dict[Key, Trial] = {}
     for suite, selection, seeds in parts:
+        known = suite.origin in suite_names()
+        draws = draws_source(suite.origin, suite) if known else None
         for trial in in_order_of_plugins(select(suite, selection), seeds):
-            trials.setdefault(trial.key, trial)
+            trials.setdefault(trial.key, replace(trial, draws=draws))
     return trials
 
 

@@ -6,8 +6,9 @@ from typing import Any
 
 import pytest
 
+from olne_bench.bench.plan.learn import describe_here
 from olne_bench.bench.plan.load import load_suite
-from olne_bench.bench.plan.select import Selection
+from olne_bench.bench.plan.select import Selection, changed
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import expand
 from olne_bench.bench.submission.asked import asked, check_shipped, planned_trials
@@ -95,3 +96,13 @@ def test_a_suite_of_this_package_is_that_suite() -> None:
     ):
         with pytest.raises(UserError, match=f"it is not the suite 'quick' .*{said}"):
             check_shipped(quick.model_copy(update=changes))
+
+
+def test_truths_are_the_solved_draws_of_the_suite_as_in_a_run() -> None:
+    """Else no row could be the same bit by bit; another salt has other draws."""
+    quick = load_suite("quick")
+    for whole, known in ((quick, True), (quick.model_copy(update={"salt": "mine"}), False)):
+        trials = planned_trials([(whole, Selection(), 1)]).values()
+        assert trials and all((trial.draws is not None) == known for trial in trials)
+    fewer = changed(quick, Selection(estimators=("ridge",)), describe_here)
+    assert all(trial.draws for trial in planned_trials([(fewer, Selection(), 1)]).values())
