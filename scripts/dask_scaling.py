@@ -13,7 +13,6 @@ import os
 import time
 from collections import Counter
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import shared
@@ -42,7 +41,7 @@ def main(
     chosen = Selection(scenarios=tuple(scenario), estimators=tuple(estimator), seeds=seeds)
     part = select(whole, chosen)
     draws = draws_source(suite, whole)  # else each trial solves its draw
-    trials = [replace(trial, draws=draws) for trial in expand(part, seeds)]
+    trials = [*expand(part, seeds, draws)]
     _measured(trials, 2)  # compiles
     print(f"{len(trials)} trials of {whole.name}, {os.cpu_count()} cores")
 

@@ -172,10 +172,8 @@ def repeat(
     chosen = random.Random(seed).sample(rows, min(number, len(rows)))
     known = {tuple(str(row[name]) for name in KEY_COLUMNS): row for row in chosen}
     whole = load_suite(suite)
-    draws = draws_source(suite, whole)
-    trials = [
-        replace(trial, draws=draws) for trial in in_order_of_plugins(whole) if trial.key in known
-    ]
+    every = in_order_of_plugins(whole, draws=draws_source(suite, whole))
+    trials = [trial for trial in every if trial.key in known]
     ended = list(run_trials(trials, jobs=jobs))
     there = ", ".join(sorted({row["environment_version"] for row in chosen}))
     here = ", ".join(sorted({trial.versions.environment for trial in trials}))

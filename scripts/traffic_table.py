@@ -78,7 +78,7 @@ def episode(road: str, kind: str, seed: int) -> dict[str, float]:
     """Vehicle-seconds, counts and metres of one episode."""
     name, config = ROADS[road]
     config = {"policy_frequency": RATE, "duration": 10 * SECONDS, **config}
-    config = {"other_vehicles_type": KINDS[kind], **config}
+    config["other_vehicles_type"] = KINDS[kind]
     world: Any = gymnasium.make(name, config=config, disable_env_checker=True).unwrapped
     world.reset(seed=seed)
     for ego in world.controlled_vehicles:
@@ -105,17 +105,16 @@ class Watch:
 
     def look(self, cars: list[Vehicle]) -> dict[str, float]:
         """Vehicle-seconds, metres, and what is new since the last look."""
-        self._cars += [car for car in cars if id(car) not in self._lanes]
-        near = self._pairs(cars)
-        new = [car for car in cars if id(car) not in self._lanes]
+        near, new = self._pairs(cars), [car for car in cars if id(car) not in self._lanes]
+        self._cars += new
         close = {k for pair, apart in near.items() if apart < SPAWNED for k in pair}
         self._spawned |= {id(car) for car in new} & close
         crashed = {id(car) for car in cars if car.crashed} - self._crashed
         apart = {k for k in crashed if k in self._spawned or self._hit_spawned(k, near)}
-        misses = {pair for pair, room in near.items() if room < NEAR and not crashed & set(pair)}
-        misses = {pair for pair in misses if not self._crashed & set(pair)} - self._near
-        changes, standing = sum(map(self._changed, cars)), sum(map(self._stands, cars))
         self._crashed |= crashed
+        whole = {pair for pair in near if not self._crashed & set(pair)}
+        misses = {pair for pair in whole if near[pair] < NEAR} - self._near
+        changes, standing = sum(map(self._changed, cars)), sum(map(self._stands, cars))
         self._near |= misses
         return {
             "seconds": len(cars) / RATE,

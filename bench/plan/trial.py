@@ -171,8 +171,10 @@ def number_of_trials(suite: Suite, seeds: int | None = None) -> int:
     return total * len(suite.sensors)
 
 
-def expand(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:
-    """All trials of a suite.
+def expand(
+    suite: Suite, seeds: int | None = None, draws: DrawsSource | None = None
+) -> Iterator[Trial]:
+    """All trials of a suite, whose truths are in a file of ``draws``, or else are solved.
 
     A worker builds the solvers of a game, sensor and estimator once and keeps the latest ones. So
     the seed changes fastest in a fixed scenario, and slowest in a family, where each seed draws
@@ -180,7 +182,7 @@ def expand(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:
     """
     numbers = range(min(seeds or suite.seeds, suite.seeds))
     for scenario in suite.scenarios:
-        places = list(_places(suite, scenario))
+        places = list(_places(suite, scenario, draws))
         for part in (range(k, k + 1) for k in numbers) if scenario.family else (numbers,):
             for place in places:
                 for first, own in _levels(suite, scenario, place, part):
@@ -195,21 +197,25 @@ def alike(suite: Suite) -> Iterator[tuple[Trial, range]]:
             yield from _levels(suite, scenario, place, seeds)
 
 
-def in_order_of_plugins(suite: Suite, seeds: int | None = None) -> Iterator[Trial]:
-    """All trials of a suite, those of built-in estimators first, then plugin by plugin."""
+def in_order_of_plugins(
+    suite: Suite, seeds: int | None = None, draws: DrawsSource | None = None
+) -> Iterator[Trial]:
+    """All trials as of ``expand``, those of built-in estimators first, then plugin by plugin."""
     groups: dict[str, list[EstimatorEntry]] = {}
     for estimator in suite.estimators:
         groups.setdefault(_plugin(estimator), []).append(estimator)
     for name in sorted(groups):
         part = suite.model_copy(update={"estimators": tuple(groups[name])})
-        yield from expand(part, seeds)
+        yield from expand(part, seeds, draws)
 
 
 def _plugin(estimator: EstimatorEntry) -> str:
     return "" if is_built_in(ESTIMATOR, estimator.name) else estimator.label
 
 
-def _places(suite: Suite, scenario: ScenarioEntry) -> Iterator[Trial]:
+def _places(
+    suite: Suite, scenario: ScenarioEntry, draws: DrawsSource | None = None
+) -> Iterator[Trial]:
     """A trial of each sensor and estimator, which the others of the scenario differ from."""
     # A trial does not depend on the selection of noise that it is run in.
     bare = scenario.model_copy(update={"sigmas": (), "seeds": None})
@@ -228,6 +234,7 @@ def _places(suite: Suite, scenario: ScenarioEntry) -> Iterator[Trial]:
             count=1,
             time_limit=suite.time_limit,
             root_iterations=suite.root_iterations,
+            draws=draws,
             salt=suite.salt,
             versions=versions(scenario, sensor, estimator, metrics, suite.kind),
             kind=suite.kind,

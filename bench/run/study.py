@@ -1,7 +1,7 @@
 """Run what the store of a study lacks, and say nothing: who asks may show it."""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -146,8 +146,7 @@ def begin(suite: Suite, wanted: Wanted, machine: Machine, store: Store) -> Todo:
 
     def todo() -> Iterator[Trial]:
         # A process that ran foreign code serves nothing else: this order needs few processes.
-        own = pending(in_order_of_plugins(part, seeds), stored, wanted.retry)
-        return (replace(trial, draws=draws) for trial in own)
+        return pending(in_order_of_plugins(part, seeds, draws), stored, wanted.retry)
 
     number = sum(1 for _ in todo()) if runs else total
     source = provenance(

@@ -1,6 +1,5 @@
 """The trials that a submission's runs were asked for: counted before they are listed."""
 
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -53,8 +52,8 @@ def planned_trials(parts: list[_Asked]) -> dict[Key, Trial]:
     for suite, selection, seeds in parts:
         known = suite.origin in suite_names()
         draws = draws_source(suite.origin, suite) if known else None
-        for trial in in_order_of_plugins(select(suite, selection), seeds):
-            trials.setdefault(trial.key, replace(trial, draws=draws))
+        for trial in in_order_of_plugins(select(suite, selection), seeds, draws):
+            trials.setdefault(trial.key, trial)
     return trials
 
 

@@ -14,7 +14,8 @@ Nash vehicles of another group are predicted to follow their previous plans.
 
 A vehicle without a new plan follows the rest of its previous one. If that is used up, or if its
 equilibrium collides with something, as some do, it drives by the Intelligent Driver Model until the
-next attempt. ``traffic_report`` counts the cases.
+next attempt, and stops before a car that crosses. Of two that would hit each other, one gives way:
+who has the other more ahead. ``traffic_report`` counts the cases.
 """
 
 from typing import Any

@@ -29,9 +29,8 @@ class NashVehicle(PlanningVehicle):
         if self.plan is None:
             super().act()
             acceleration = self.action["acceleration"]
-            if np.isfinite(
-                self.room
-            ):  # IDM looks at its own lane, and would hit a car that crosses
+            # IDM looks at its own lane, and would hit a car that crosses.
+            if np.isfinite(self.room):
                 stopping = self.speed**2 / (2 * max(self.room, 0.1))
                 acceleration = min(acceleration, -min(stopping, self.ACC_MAX))
             self.action["acceleration"] = max(acceleration, hardest_braking)

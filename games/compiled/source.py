@@ -43,11 +43,8 @@ def source_of(stages: StageFunctions) -> tuple[str, str]:
 @lru_cache(maxsize=64)
 def source_of_four(stages: StageFunctions) -> tuple[str, str]:
     """The same of Newton's method and sensitivities for four games, without constraints."""
-    functions = {
-        f"term{k}_{name}": kind.functions[name]
-        for k, kind in enumerate(stages.kinds)
-        for name in FUNCTIONS[:4]
-    }
+    used = tuple(f"_{name}" for name in FUNCTIONS[:4])
+    functions = {n: one for n, one in _functions(stages).items() if n.endswith(used)}
     code = derived("functions of four", stages.origin, lambda: four_of(functions))
     sizes = _sizes(stages) | {"CURVATURE": 0}
     without = "#define add_equations(...)\n#define add_condensed(...)\n#define definite(M) 1\n"
