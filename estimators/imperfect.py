@@ -40,7 +40,7 @@ from scipy.optimize import minimize
 from olne_bench.estimators.posterior import Posterior, different_peaks
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.shared.perturbed_fits import Fits, Peak
-from olne_bench.estimators.shared.posterior_density import STEPS, GameDensity, Places, climbed
+from olne_bench.estimators.shared.posterior_density import GameDensity, Places, climbed
 from olne_bench.estimators.shared.trajectory_fit import guess_controls
 from olne_bench.games.compiled.row_functions import RowFunction
 from olne_bench.games.model.dynamics import Dynamics
@@ -140,7 +140,7 @@ class Imperfect(Posterior):
         for _ in range(_ROUNDS):
             kicks = Kicks.most_likely(place, _moved(plain, place))
             density = KickedDensity(**vars(plain), kicks=kicks)
-            before, found = place.points, climbed(density, density.whitened(place), STEPS)
+            before, found = place.points, climbed(density, density.whitened(place))
             place = plain.reach(found.points, place)
             if not place.possible[0] or np.abs(place.points - before).max() < _STILL:
                 break

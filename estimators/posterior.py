@@ -50,7 +50,6 @@ from olne_bench.estimators.shared.noise_level import telling_noise, with_found_n
 from olne_bench.estimators.shared.perturbed_fits import Fits, Peak, perturbed_fits, resampled
 from olne_bench.estimators.shared.pooled import Recorded, SharedDensity, Together, checked, games_of
 from olne_bench.estimators.shared.posterior_density import (
-    STEPS,
     Density,
     GameDensity,
     Places,
@@ -277,7 +276,7 @@ def different_peaks(density: Density, places: Iterable[Places]) -> list[Peak]:
         if not place.possible[0]:  # a game at a fold
             continue
         try:
-            peak = Peak.at(climbed(density, place, STEPS))
+            peak = Peak.at(climbed(density, place))
         except np.linalg.LinAlgError:
             continue
         if all(_apart(peak, other) > _SAME for other in found):

@@ -8,7 +8,7 @@ from olne_bench.estimators.shared.fit_test import peak_near
 from olne_bench.estimators.shared.forward_model import SolvedGame, game_at
 from olne_bench.estimators.shared.noise_level import with_told_noise
 from olne_bench.estimators.shared.outer_fit import HeldWeights, least_error, least_error_in
-from olne_bench.estimators.shared.posterior_density import STEPS, climbed, density_near
+from olne_bench.estimators.shared.posterior_density import climbed, density_near
 from olne_bench.estimators.shared.white_noise import with_white_noise
 from olne_bench.games.solve.newton import Root
 from olne_bench.games.solve.root_following import follow_root
@@ -76,8 +76,8 @@ def posterior_ratio(
     if not truth.possible[0]:
         return None
     try:
-        held = climbed(density, truth, STEPS, slice(density.chart.free, None))
-        peaks = [climbed(density, held, STEPS)]
+        held = climbed(density, truth, slice(density.chart.free, None))
+        peaks = [climbed(density, held)]
         own = peak_near(white, seen, game_at(problem.game, found, estimate.theta(problem.game)))
     except np.linalg.LinAlgError:
         return None

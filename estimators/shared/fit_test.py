@@ -27,8 +27,6 @@ from olne_bench.estimators.shared.posterior_density import Places, climbed, dens
 from olne_bench.estimators.shared.white_noise import with_white_noise
 
 _DRAWS = 1000
-#: Steps to the peak: an estimate with a weight of zero begins far from it.
-_STEPS = 100
 #: Level at which the number of independent statistics is found.
 _TAIL = 0.03
 #: Samples, less what was fitted, below which nothing can be tested.
@@ -229,7 +227,7 @@ def peak_near(problem: Problem, seen: Observation, game: SolvedGame) -> Places |
     if not place.possible[0]:
         return None
     try:
-        return climbed(density, place, _STEPS)
+        return climbed(density, place)
     except np.linalg.LinAlgError:
         return None
 

@@ -18,7 +18,7 @@ from olne_bench.estimators.shared.posterior_density import climbed
 
 
 def peak(density, point) -> Peak:
-    return Peak.at(climbed(density, density.place(point), 20))
+    return Peak.at(climbed(density, density.place(point)))
 
 
 def fitted(density, peaks, **settings) -> Fits:

@@ -102,7 +102,7 @@ def test_climbing_ends_at_a_peak(crossing) -> None:
     problem, seen, known = crossing
     density = followed(problem, seen)
     place = density.place(known)
-    peak = climbed(density, place, 20)
+    peak = climbed(density, place)
     assert peak.log_density[0] > place.log_density[0]
     slope = peak.rows[0].T @ peak.errors[0]
     covariance = np.linalg.inv(peak.rows[0].T @ peak.rows[0])
