@@ -9,18 +9,16 @@ shrinks towards uniform weights has to beat this. Without noise it is ``kkt_cons
 Paper: none; the joint problem of Peters et al., RSS 2021, with a quadratic pull.
 Assumes: weights whose mean is uniform, and what ``kkt_constrained`` does.
 Cost: that of ``kkt_constrained``.
-Trust: as a reference; a Gaussian is a poor prior of weights on a simplex.
+Trust: as a reference. It claims no region: what shrinks by a Gaussian misses weights near zero.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
-import numpy as np
-
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.protocol import Observation, Problem
-from olne_bench.estimators.shared.certainty import Certainty, posterior_covariance
+from olne_bench.estimators.shared.certainty import Certainty
 from olne_bench.estimators.shared.forward_model import SolvedGame
 from olne_bench.estimators.shared.joint_problem import JointSettings
 from olne_bench.games.compiled.elimination import Elimination
@@ -50,9 +48,7 @@ class Ridge(KktConstrained):
         games: Sequence[SolvedGame],
         solver: Elimination | None,
     ) -> Certainty:
-        weights = games[0].weights
-        precision = np.full(weights.shape, 1 / flat_variance(problem.game.num_weights))
-        return Certainty(posterior_covariance(problem, observations, games, solver, precision))
+        return Certainty(None)
 
 
 def flat_variance(num_weights: int) -> float:

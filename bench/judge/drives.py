@@ -29,6 +29,7 @@ from olne_bench.bench.plan.kinds import (
     CONSTANT_VELOCITY,
     CONTINGENCY,
     EXPECTED,
+    FEEDBACK,
     ORACLE,
     POPULATION,
     PPO,
@@ -39,6 +40,7 @@ from olne_bench.bench.plan.trial import Trial
 from olne_bench.bench.text import clip
 from olne_bench.envs.drive.cars import ROADS, STEP, Car, EgoCost, prior_of
 from olne_bench.envs.drive.ego_seen import AverageEgo
+from olne_bench.envs.drive.feedback_planner import FeedbackPlanner
 from olne_bench.envs.drive.planner import (
     CONSTRAINED,
     EgoPlan,
@@ -254,6 +256,8 @@ def _beliefs(trial: Trial, player: StreamPlayer) -> Beliefs:
 def _planner(trial: Trial, ego: Car) -> Planner:
     """How the ego plans."""
     known, straight_on = setting(trial.scenario), trial.reference == CONSTANT_VELOCITY
+    if trial.estimator.planning == FEEDBACK:
+        return FeedbackPlanner()
     if known.ego == KNOWN:
         return StraightOnPlanner() if straight_on else GamePlanner()
     road, contingent = ROADS[known.road], _planning(trial) == CONTINGENCY

@@ -34,10 +34,11 @@ CLONED, STOCK, STOCK_FITTED, TRUE_WEIGHTS = "cloned", "stock", "stock_fitted", "
 #: speeds, samples of what drivers are like, and a driver that has learned; for others that drive
 #: straight on and for HighwayEnv's own driver, see above.
 ORACLE, UNIFORM, POPULATION, PPO = "oracle", "uniform", "population", "ppo"
-#: How the ego of a drive plans by an estimate: one equilibrium, or for samples of it, with another
-#: plan for each after a second, or with one for all (``envs.drive.sampled_planner``).
-EQUILIBRIUM, CONTINGENCY, EXPECTED = "equilibrium", "contingency", "expected"
-Planning = Literal["equilibrium", "contingency", "expected"]
+#: How the ego of a drive plans by an estimate: one equilibrium, of plans or of strategies
+#: (``envs.drive.feedback_planner``); or for samples of it, with another plan for each after a
+#: second, or with one for all (``envs.drive.responding``).
+EQUILIBRIUM, FEEDBACK, CONTINGENCY, EXPECTED = "equilibrium", "feedback", "contingency", "expected"
+Planning = Literal["equilibrium", "feedback", "contingency", "expected"]
 
 #: What the referee itself compares estimators with; it is run like an estimator of that name.
 REFERENCES: dict[StudyKind, tuple[str, ...]] = {

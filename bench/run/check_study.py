@@ -12,7 +12,7 @@ from olne_bench import plugins
 from olne_bench.bench.judge.observe import layers_of
 from olne_bench.bench.judge.priors import WITH_PRIOR, exclusion, prior_told
 from olne_bench.bench.plan.entries import EstimatorEntry, ScenarioEntry, SensorEntry
-from olne_bench.bench.plan.kinds import Rules
+from olne_bench.bench.plan.kinds import CONTINGENCY, EXPECTED, Rules
 from olne_bench.bench.plan.suite import Suite
 from olne_bench.bench.plan.trial import foreign_worlds
 from olne_bench.bench.process.child import Child, ChildError, RaisedError
@@ -121,7 +121,8 @@ def _check_drive(suite: Suite, road: ScenarioEntry) -> None:
         raise UserError(f"scenario {road.label!r}: {error}") from error
     if suite.rules.window > setting.steps:
         raise UserError(f"rule window = {suite.rules.window}: a drive has {setting.steps} samples")
-    planning = next((entry for entry in suite.estimators if entry.planning), None)
+    hedged = (entry for entry in suite.estimators if entry.planning in (CONTINGENCY, EXPECTED))
+    planning = next(hedged, None)
     if planning is not None and setting.ego == KNOWN:
         raise UserError(
             f"estimator {planning.label!r} has planning = {planning.planning!r}, which needs "

@@ -130,9 +130,21 @@ def test_several_trajectories_share_the_prior(estimator, seen) -> None:
     problem, observations, weights = seen(sigma=0.02, count=2)
     found = estimated(estimator, problem, tuple(observations))
     assert found.converged
-    one = estimated(estimator, problem, observations[0])
-    assert np.trace(found.covariance) < np.trace(one.covariance)
     assert np.abs(found.weights - weights).max() < 0.2
+
+
+def test_several_trajectories_say_more_than_one(seen) -> None:
+    problem, observations, _ = seen(sigma=0.02, count=2)
+    found, one = (
+        estimated(Map(), problem, some) for some in (tuple(observations), observations[0])
+    )
+    assert np.trace(found.covariance) < np.trace(one.covariance)
+
+
+def test_ridge_claims_no_region(seen) -> None:
+    problem, (observation,), _ = seen(sigma=0.03)
+    found = estimated(Ridge(), problem, observation)
+    assert found.converged and found.covariance is None and found.region is None
 
 
 def test_a_prior_out_of_range_is_refused() -> None:

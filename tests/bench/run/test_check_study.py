@@ -168,6 +168,10 @@ def test_encounters_with_a_plan_for_guesses_fit(tmp_path) -> None:
     check_kind(drives(tmp_path, planning=HEDGED, options=MEETING, rules=rules))
 
 
+def test_an_ego_that_plays_strategies_may_be_known_to_the_others(tmp_path) -> None:
+    check_kind(drives(tmp_path, planning=', planning = "feedback"'))
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
