@@ -266,8 +266,11 @@ def _planner(trial: Trial, ego: Car) -> Planner:
 
 
 def _planning(trial: Trial) -> str | None:
-    """How the ego uses what it is not sure of; who knows the population alone is never sure."""
-    usual = CONTINGENCY if trial.reference == POPULATION else None
+    """How the ego uses what it is not sure of; who knows the population alone is never sure.
+
+    The oracle expects to respond after a second, too: else it waits for longer than it has to.
+    """
+    usual = CONTINGENCY if trial.reference in (POPULATION, ORACLE) else None
     return trial.estimator.planning or usual
 
 
