@@ -145,6 +145,18 @@ def identified() -> pd.DataFrame:
     return _by_level(found, _pairs(found, "{}, {}", "identified", "left"))
 
 
+def coverage() -> pd.DataFrame:
+    """Suite ``calibration``: shares of 95 % regions that hold the truth, over its cells."""
+    table = _csv("calibration", "calibration")
+    table["held"] = table["covered_95"] * table["trials"]
+    found = table.groupby(["scenario", "estimator"], sort=False)[["held", "trials"]].sum()
+    found = found[found["held"] > 0].reset_index()
+    cells = [
+        f"{held / trials:.1%} of {trials:.0f}" for held, trials in found[["held", "trials"]].values
+    ]
+    return _pivot(found, cells, "scenario")
+
+
 def learned_errors() -> pd.DataFrame:
     """Means over views and noise levels of what ``learned_error.py`` prints, and their range."""
     rows = {}
@@ -199,7 +211,7 @@ def encounters() -> pd.DataFrame:
 TABLES: dict[str, Callable[[], pd.DataFrame]] = {
     table.__name__: table
     for table in (
-        paper, damage, road_scores, constrained, claims, identified,
+        paper, damage, road_scores, constrained, claims, coverage, identified,
         learned_errors, online, people, encounters,
     )
 }  # fmt: skip

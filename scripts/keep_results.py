@@ -28,7 +28,7 @@ FIGURES = {
     "paper": ("*.png",),
     "roads": ("errors_*.png", "trial_*.png", "confusion_*.png", "scores.png"),
     **dict.fromkeys(("field", "sensors", "parameters", "constrained"), ("errors_*.png",)),
-    "calibration": ("calibration_*", "widths_*", "identifiability_*"),
+    "calibration": ("calibration_*.png", "widths_*.png", "identifiability_*.png"),
 }
 SMALL = ("roads", "parameters", "constrained")
 LABELS = ["scenario", "sensor", "sigma", "seed", "salt_id", "estimator", "count", "status"]
@@ -60,7 +60,8 @@ def main(runs: Path) -> int:
 def keep(run: Path, out: Path, figures: tuple[str, ...]) -> None:
     """Copy a study."""
     if run.name == "calibration":  # too many trials; the folder holds other results as well
-        copy(run, out, "leaderboard.*", "calibration.csv", "identifiability_by_noise.csv")
+        copy(run, out, "leaderboard.csv", "leaderboard.md")
+        copy(run, out, "calibration.csv", "identifiability_by_noise.csv")
     else:
         shutil.rmtree(out, ignore_errors=True)
         copy(run, out, *TABLES)
