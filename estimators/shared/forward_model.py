@@ -8,6 +8,7 @@ uniform, whose initial state is fitted as well.
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -31,8 +32,10 @@ from olne_bench.estimators.shared.window_starts import (
     window_points,
 )
 from olne_bench.games.compiled.elimination import Elimination, elimination
+from olne_bench.games.compiled.row_functions import RowFunction
+from olne_bench.games.model.dynamics import Dynamics
 from olne_bench.games.model.game import Game
-from olne_bench.games.model.observation import observe
+from olne_bench.games.model.observation import View, observation_function
 from olne_bench.games.solve.batch import Batch, solve_batch
 from olne_bench.games.solve.continuation import follow_coupling
 from olne_bench.games.solve.information import observation_sensitivity
@@ -341,7 +344,13 @@ def game_of_batch(problem: Problem, batch: Batch, index: int, theta: np.ndarray)
 
 def expected_samples(problem: Problem, states: np.ndarray) -> np.ndarray:
     """h(x) (..., T, N*d) of states (..., T, N, n), in units of the noise scale."""
-    return scaled_samples(problem, observe(problem.view, problem.game.dynamics, states))
+    seen = _seen(problem.view, problem.game.dynamics)(states.reshape(-1, states.shape[-1]))
+    return scaled_samples(problem, seen.reshape(*states.shape[:-1], -1))
+
+
+@lru_cache(maxsize=16)
+def _seen(view: View, dynamics: Dynamics) -> RowFunction:
+    return RowFunction(observation_function(view, dynamics), None)
 
 
 def scaled_samples(problem: Problem, y: np.ndarray) -> np.ndarray:

@@ -59,7 +59,7 @@ class RowFunction:
             for argument, size in zip(arguments, self._sizes, strict=True)
         ]
         if self._loop is None:
-            return self._mapped(count)(*self._as_casadi(rows)).reshape(count, self._size)
+            return self._by_casadi(rows, count)
         result = np.empty((count, self._size))
         for index, argument in enumerate(rows):
             self._pointers[index] = argument.ctypes.data
@@ -67,10 +67,14 @@ class RowFunction:
             raise ValueError(f"{self._function} cannot be evaluated")
         return result
 
-    def _as_casadi(self, rows: Sequence[np.ndarray]) -> list[np.ndarray]:
-        """Rows as ``BufferedFunction`` takes those of a mapped function."""
-        columns = [self._function.size1_in(i) for i in range(len(rows))]
-        return [row.reshape(-1, size) for row, size in zip(rows, columns, strict=True)]
+    def _by_casadi(self, rows: Sequence[np.ndarray], count: int) -> np.ndarray:
+        """Results of so many rows; those up to a power of two are zero, so few functions do."""
+        whole, arguments = 1 << (count - 1).bit_length(), []
+        for i, own in enumerate(rows):
+            padded = np.zeros((whole, own.shape[1]))
+            padded[:count] = own
+            arguments.append(padded.reshape(-1, self._function.size1_in(i)))
+        return self._mapped(whole)(*arguments).reshape(whole, self._size)[:count]
 
     def _map(self, count: int) -> BufferedFunction:
         return BufferedFunction(self._function.map(count))
