@@ -12,20 +12,16 @@ from dataclasses import replace
 import numpy as np
 
 from olne_bench.envs.drive.planner import (
-    BRAKED,
     CONSTRAINED,
-    KEPT,
     LEAST_GAP,
     EgoPlan,
     GamePlanner,
     Mind,
     ego_response,
-    later,
+    plans_alone,
 )
 from olne_bench.envs.roads.footprint import gap
 from olne_bench.games.model.game import Game
-from olne_bench.games.solve.best_response import grown_plans
-from olne_bench.games.solve.continuation import coupled_features
 from olne_bench.games.solve.feedback import solve_feedback
 
 
@@ -36,7 +32,8 @@ class FeedbackPlanner(GamePlanner):
         self, game: Game, minds: Sequence[Mind], numbers: tuple[int, ...], states: np.ndarray
     ) -> EgoPlan | None:
         free, weights = replace(game, constraints=()), np.stack([mind.weights for mind in minds])
-        first = self._first_plans(free, weights, numbers, states)
+        former = self._shifted(numbers, states)
+        first = plans_alone(free, weights, states) if former is None else former.controls
         found = solve_feedback(free, weights, states, initial_controls=first)
         if not found.converged:
             return super()._found(game, minds, numbers, states)
@@ -47,12 +44,3 @@ class FeedbackPlanner(GamePlanner):
                 return None
             motion[:, 0], controls[:, 0], kind = own
         return EgoPlan(numbers, motion, controls, np.zeros_like(motion[1:]), kind)
-
-    def _first_plans(
-        self, game: Game, weights: np.ndarray, numbers: tuple[int, ...], states: np.ndarray
-    ) -> np.ndarray:
-        """Controls (T-1, N, 2) to begin with: the former plan's, or those of empty roads."""
-        former = self._former
-        if former is not None and former.numbers == numbers and former.kind not in (KEPT, BRAKED):
-            return later(former.controls)
-        return grown_plans(game, states, np.where(coupled_features(game), 0.0, weights))

@@ -155,8 +155,7 @@ def equilibrium_near(
         root = newton_root(free, near.states, near.controls, near.costates, weights)
         if root.residual < RESIDUAL_TOLERANCE:
             return root.states, root.controls, root.costates, CONSTRAINED
-    alone = np.where(coupled_features(free), 0.0, weights)
-    controls = grown_plans(free, states, alone) if near is None else near.controls
+    controls = plans_alone(free, weights, states) if near is None else near.controls
     if game.constraints:
         solution = variational_solution(game, weights, states, controls, most_attempts=_ATTEMPTS)
         if solution.solved:
@@ -213,12 +212,16 @@ def plan_near(
     if near is not None and np.isfinite(near.states).all():
         root = newton_root(game, near.states, near.controls, near.costates, weights)
         return root if root.residual < RESIDUAL_TOLERANCE else None
-    alone = np.where(coupled_features(game), 0.0, weights)
-    controls = grown_plans(game, states, alone)
+    controls = plans_alone(game, weights, states)
     found = solve_olne(game, weights, states, initial_controls=controls, max_rounds=_ROUNDS)
     if not found.certificate.passed:
         return None
     return Root(found.states, found.controls, found.costates, found.residual)
+
+
+def plans_alone(game: Game, weights: np.ndarray, states: np.ndarray) -> np.ndarray:
+    """Controls (T-1, N, 2) of cars that do not mind each other."""
+    return grown_plans(game, states, np.where(coupled_features(game), 0.0, weights))
 
 
 def later(values: np.ndarray) -> np.ndarray:

@@ -207,7 +207,7 @@ def _run_into_something(states: np.ndarray, others: np.ndarray) -> tuple[np.ndar
     contact = (ahead > 0) & (ahead < Vehicle.LENGTH) & (np.abs(beside) < 0.9 * Vehicle.WIDTH)
     crosses = np.abs(np.sin(theirs[2] - heading)) > _CROSSES
     near = crosses & (np.hypot(ahead, beside) < Vehicle.LENGTH + Vehicle.WIDTH)
-    if not near.any():
+    if not near.any():  # so whoever is in contact does not cross
         return contact.any(axis=(1, 2)), np.full(len(own), np.inf)
     crossing = np.zeros(near.shape, dtype=bool)
     cars = [np.moveaxis(np.broadcast_to(one, theirs.shape), 0, -1)[near] for one in (mine, theirs)]

@@ -350,6 +350,7 @@ def expected_samples(problem: Problem, states: np.ndarray) -> np.ndarray:
 
 @lru_cache(maxsize=16)
 def _seen(view: View, dynamics: Dynamics) -> RowFunction:
+    """``observe`` with memory that is bound once: filters ask for thousands of samples."""
     return RowFunction(observation_function(view, dynamics), None)
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy.stats import beta, kstest
+from scipy.stats import beta, kstest, norm
 
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.estimators.shared.charts import (
@@ -46,6 +46,16 @@ def test_standard_normal_points_are_draws_of_the_dirichlet_distribution(alpha) -
     variance = 3 / (16 * (4 * alpha + 1))
     expected = variance * (4 * np.eye(4) - 1) / 3
     np.testing.assert_allclose(covariance, expected, atol=0.08 * variance)
+
+
+@pytest.mark.parametrize("alpha", [0.2, 1.0, 30.0])
+def test_what_is_broken_off_a_stick_is_the_quantile_of_its_distribution(alpha) -> None:
+    """Between the knots of the splines, both what is broken off and what is left keep digits."""
+    chart = NormalChart(1, 2, 0.0, WeightPrior((alpha,)), Parameters(((),)))
+    z = np.linspace(-5.9, 5.9, 977)
+    exact = beta(alpha, alpha).ppf(norm.cdf(-np.abs(z)))  # the small part
+    weights = chart.weights(z[:, None])[:, 0]
+    np.testing.assert_allclose(weights.min(axis=1), exact, rtol=1e-8)
 
 
 def test_points_and_weights_belong_to_each_other() -> None:
