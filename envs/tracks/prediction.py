@@ -1,8 +1,9 @@
 """What recorded drivers do next: each plays the game ``following`` with those ahead of it.
 
 A car's game has its leader, the leader's leader and so on. Everybody has the same weights, unless
-others are given, goes on in its lane and, where it has no leader, at its present speed. Beside it
-stands driving on along the lane at constant speed, which needs no game.
+others are given, keeps its place in the lane and wants the speed that it would have soon at its
+present acceleration. Beside it stands driving on along the lane at constant speed, which needs no
+game.
 """
 
 from collections.abc import Callable, Sequence
@@ -33,6 +34,9 @@ STEP = 0.2  # [s] of predictions
 LONGEST = 20.0  # [s]
 #: Seconds over whose samples the present speed is a mean.
 _PRESENT = 0.5
+#: Seconds over whose samples the present acceleration is the slope of the speed, and for how long
+#: drivers want to go on with it (docs/people.md).
+_RECENT, KEPT = 1.0, 1.0
 #: 90 % of recorded drivers are within ``_SPREAD * t**_GROWTH`` [m] of the game, along and across.
 _SPREAD, _GROWTH = np.array([1.05, 0.29]), np.array([1.37, 0.67])
 _AHEAD = 1e3  # [m] of the way of a car that is in no lane
@@ -56,6 +60,7 @@ class Foreseen:
         way: (P, 2) points of the way on.
         recorded: (S, 2) what has happened, NaN where it is not known.
         why: why there is no game; empty where there is one.
+        drivers: the players of its game, the car first.
     """
 
     player: str
@@ -66,6 +71,7 @@ class Foreseen:
     way: np.ndarray
     recorded: np.ndarray
     why: str = ""
+    drivers: tuple["Driver", ...] = ()
 
     @property
     def half_widths(self) -> np.ndarray:
@@ -74,17 +80,23 @@ class Foreseen:
 
     def errors(self, positions: np.ndarray) -> np.ndarray:
         """(S, 2) errors of predicted positions along the way and across it [m], left positive."""
-        return np.asarray(_places(self.way, positions) - _places(self.way, self.recorded))
+        return np.asarray(_places(self.way, positions) - self.happened)
+
+    @property
+    def happened(self) -> np.ndarray:
+        """(S, 2) recorded distances along the way and to its left [m]."""
+        return _places(self.way, self.recorded)
 
 
 @dataclass(frozen=True)
-class _OnWay:
-    """A car in coordinates of a way: its state is along [m], left [m], heading off [rad], speed."""
+class Driver:
+    """A car in coordinates of a way."""
 
-    along: float
-    left: float
-    off: float
-    speed: float
+    along: float  # [m]
+    left: float  # [m]
+    off: float  # heading [rad]
+    speed: float  # [m/s]
+    target: float  # wanted speed [m/s]
 
 
 def predict_cars(
@@ -141,6 +153,20 @@ class _Past:
 
     motions: dict[str, Motion]
     step: float
+
+    def driver(self, line: np.ndarray, name: str, car: Standing) -> Driver:
+        """A car that is seen now, in coordinates of a way."""
+        place = locate(line, car.position[None])
+        along, left = _beside(line, place, car.position[None])[0]
+        off = folded(car.heading - float(place.heading[0]))
+        target = max(0.0, car.speed + KEPT * self._acceleration(name))
+        return Driver(float(along), float(left), off, car.speed, target)
+
+    def _acceleration(self, name: str) -> float:
+        """Slope [m/s^2] of the speed of late; 0 of fewer than three samples."""
+        recent = np.abs(self.motions[name].speeds[-1 - max(1, round(_RECENT / self.step)) :])
+        seen = np.flatnonzero(np.isfinite(recent))
+        return float(np.polyfit(self.step * seen, recent[seen], 1)[0]) if len(seen) > 2 else 0.0
 
     def on_way(self, line: np.ndarray, names: Sequence[str]) -> tuple[np.ndarray, float]:
         """States (T, N, 4) in coordinates of a way, about ``STEP`` apart, and their step [s]."""
@@ -212,26 +238,20 @@ def _foreseen(
         return Foreseen(name, (), times, straight, straight, way, recorded, NO_LANE)
     line = way_on(scene.road, lane)
     first, *leaders = scene.chain(name, most)
-    drivers = [_on_way(line, scene.cars[member]) for member in (first, *leaders)]
+    past, weights = known
+    drivers = tuple(past.driver(line, who, scene.cars[who]) for who in (first, *leaders))
     own = drivers[0]
     straight = _points(line, own.along + car.speed * times, np.full(len(times), own.left))
     game, why = straight, NO_LEADER
     if leaders:
-        past, weights = known
         if callable(weights):
             states, step = past.on_way(line, (first, *leaders))
-            weights = weights(_game(drivers, len(states), step), states)
-        played = _played(drivers, len(times), weights)
+            wanted = [replace(one, target=one.speed) for one in drivers]  # so far
+            weights = weights(_game(wanted, len(states), step), states)
+        played = play(drivers, len(times), weights)
         why = NO_ROOT if played is None else ""
         game = straight if played is None else _points(line, *played.T)
-    return Foreseen(name, tuple(leaders), times, game, straight, line, recorded, why)
-
-
-def _on_way(line: np.ndarray, car: Standing) -> _OnWay:
-    place = locate(line, car.position[None])
-    along, left = _beside(line, place, car.position[None])[0]
-    off = folded(car.heading - float(place.heading[0]))
-    return _OnWay(float(along), float(left), off, car.speed)
+    return Foreseen(name, tuple(leaders), times, game, straight, line, recorded, why, drivers)
 
 
 def _places(line: np.ndarray, positions: np.ndarray) -> np.ndarray:
@@ -258,10 +278,10 @@ def _points(line: np.ndarray, along: np.ndarray, left: np.ndarray) -> np.ndarray
     return np.asarray(line[k] + (along - starts[k])[:, None] * unit + left[:, None] * normal)
 
 
-def _played(drivers: Sequence[_OnWay], steps: int, theta: np.ndarray) -> np.ndarray | None:
-    """Places (S, 2) of the first driver in the game of all; None without an equilibrium.
+def play(drivers: Sequence[Driver], steps: int, theta: np.ndarray) -> np.ndarray | None:
+    """Places (S, 2) of the first driver along the way and to its left; None without an equilibrium.
 
-    Weights are (4,), the same for all, or (N, 4).
+    Weights are (4,), the same for all, or (N, 4); places are ``STEP`` apart.
     """
     start = np.array([[one.along, one.left, one.off, one.speed] for one in drivers])
     theta = np.broadcast_to(theta, (len(drivers), 4))
@@ -269,7 +289,7 @@ def _played(drivers: Sequence[_OnWay], steps: int, theta: np.ndarray) -> np.ndar
     return found.states[:, 0, :2] if found.certificate.passed else None
 
 
-def _game(drivers: Sequence[_OnWay], steps: int, dt: float) -> Game:
+def _game(drivers: Sequence[Driver], steps: int, dt: float) -> Game:
     """The game of a car and those ahead of it.
 
     In coordinates of the way every lane is straight, and each driver keeps to its place in it.
@@ -277,7 +297,7 @@ def _game(drivers: Sequence[_OnWay], steps: int, dt: float) -> Game:
     players = tuple(
         driver(
             leader=k + 1 if k + 1 < len(drivers) else -1,
-            target_speed=one.speed,
+            target_speed=one.target,
             route=(StraightLane((0.0, one.left), (1.0, 0.0), _LENGTH),),
             dt=dt,
         )

@@ -11,7 +11,8 @@ COMMANDS = {
     for one in (
         *(plugins.check, plugins.list_all, plugins.new),
         *(recordings.estimate, recordings.export, recordings.film),
-        *(recordings.groups, recordings.import_tracks, recordings.predict, recordings.record),
+        *(recordings.groups, recordings.import_tracks, recordings.people, recordings.predict),
+        recordings.record,
         *(studies.compare, studies.confirm, studies.draws, studies.gate, studies.merge),
         *(studies.report, studies.run, studies.status, studies.submit, studies.verify),
     )

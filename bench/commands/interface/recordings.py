@@ -4,6 +4,7 @@ import click
 
 from olne_bench.bench.commands.options import (
     BUDGET,
+    JOBS,
     PATH,
     FiniteRange,
     command,
@@ -137,6 +138,24 @@ def predict() -> None:
     Each car plays a game with those ahead of it in its lane (scenario 'following', equal weights).
     Beside it stands driving straight on along the lane. Where the file goes on after --at, errors
     are shown. Regions are those that held 90 % of recorded drivers.
+    """
+
+
+@command()
+@click.argument("data", type=PATH)
+@shown(
+    "--format", "format_name", default="commonroad", metavar="|".join(FORMATS), help="What DATA is."
+)
+@click.option("--out", type=PATH, required=True, help="Folder for errors, table and figure.")
+@click.option("--open", "second", is_flag=True, help="Open the second half of the recordings.")
+@click.option("--weights", is_flag=True, help="Also weights of each driver, which take seconds.")
+@shown("--jobs", type=JOBS, default=2, help="Number of processes.")
+def people() -> None:
+    """Measure how well the drivers in DATA, a folder of recordings with lanes, are predicted.
+
+    Each car counts once. Beside the game of 'predict' stand driving straight on, the intelligent
+    driver model and regressions, which are fitted to other recordings. One half of them is there
+    to develop on; --open shows the other half, once, and records that in the folder.
     """
 
 

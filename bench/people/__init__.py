@@ -1,0 +1,1 @@
+"""A study of recorded drivers: their moments, how each method predicts them, and how well."""

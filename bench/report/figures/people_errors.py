@@ -1,0 +1,32 @@
+"""Errors of predicted drivers, over the time ahead."""
+
+import pandas as pd
+from matplotlib.figure import Figure
+
+_SHOWN = ("game", "own weights", "population", "alone", "idm", "ridge", "kernel")
+_PANELS = 2
+
+
+def errors_over_time(table: pd.DataFrame) -> Figure:
+    """Errors over those of driving straight on, on the two roads with most cars.
+
+    ``table`` is the summary of a study of people; of both halves where both are open.
+    """
+    part = table[(table["kind"] == "all") & (table["half"] == table["half"].iloc[-1])]
+    roads = part.groupby("road")["cars"].max().nlargest(_PANELS).index
+    figure = Figure(figsize=(4 * len(roads), 3.4), layout="constrained")
+    panels = figure.subplots(1, len(roads), sharey=True, squeeze=False)[0]
+    methods = [method for method in _SHOWN if method in set(part["method"])]
+    for axes, road in zip(panels, roads, strict=True):
+        own = part[part["road"] == road]
+        for k, method in enumerate(methods):
+            line = own[own["method"] == method]
+            middle = line["over_straight"]
+            ends = [middle - line["over_straight_low"], line["over_straight_high"] - middle]
+            at = line["ahead"] + 0.06 * (k - len(methods) / 2)
+            axes.errorbar(at, middle, ends, label=method, marker="o", markersize=4, capsize=2)
+        axes.axhline(1, color="black", linewidth=1)
+        axes.set(title=f"{road}: {own['cars'].max()} cars", xlabel="seconds ahead")
+    panels[0].set_ylabel("error along the lane / straight on")
+    panels[0].legend(fontsize="small")
+    return figure
