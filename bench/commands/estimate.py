@@ -33,6 +33,7 @@ from olne_bench.plugins import ESTIMATOR, SCENARIO, is_built_in, loading, named_
 
 #: Least noise level of positions [m]: smaller deviations are rounding.
 LEAST_NOISE = 1e-6
+FREE, FIXED = "estimated", "fixed"  # guesses of targets
 TOLD = "--noise"  # source of a noise level that the user gave
 NOISE_SPREAD = 1.5  # of log sigma around the roughness of tracks, which smoothing takes away
 MOST_STEPS = 400  # longer games are not solved within minutes
@@ -40,6 +41,7 @@ SET_UP = 600.0  # [s] in which an estimator is compiled, apart from its budget
 REHEARSAL = 1e-3  # [s], budget of an estimate that is made to have all compiled
 #: Shares of the budget: after the first an estimator is stopped, the second is left for intervals.
 OVERTIME, LEAST = 1.25, 0.2
+UNKNOWN = "; --targets fixed takes guesses for the truth"
 HINT = "; give a longer --budget, or import fewer --players, a shorter --window or --resample"
 
 
@@ -50,6 +52,7 @@ def estimate(
     estimator: str,
     episode: int,
     noise: float | None,
+    targets: str,
     budget: float,
     out: Path | None,
 ) -> None:
@@ -62,7 +65,7 @@ def estimate(
     _check_length(recording, len(states), known.metadata.dt)
     name = scenario or _named(recording, known.metadata.scenario)
     with loading(name):
-        explained = explain(name, seed, known, episode, noise)
+        explained = explain(name, seed, known, episode, noise, free=targets == FREE)
     problem, y = recorded_problem(explained, known.metadata.state_names, states, noise)
     _say_assumptions(name, known.metadata.dt, explained.assumptions)
     for warning in explained.warnings:
@@ -71,6 +74,7 @@ def estimate(
     result, seconds = _estimate(estimator, problem, Observation(y), budget)
     fit = Fit(problem, y, result)
     table = _table(players, problem.weight_names, fit)
+    _add_targets(table, fit)
     found = "estimated" if "sigma" in result.extras else "from the roughness of the tracks"
     _say_result(table, players, fit, TOLD if noise else found)
     try:
@@ -127,7 +131,7 @@ def _say_assumptions(scenario: str, dt: float, assumptions: Sequence[Assumption]
     names = ["player", "target", "value", "source", "how"]
     shown = pd.DataFrame(rows, columns=names).map(one_line)
     click.echo(shown.to_string(index=False, justify="left"))
-    guessed = sorted({a.what for a in assumptions if a.source == DATA})
+    guessed = sorted({a.what for a in assumptions if a.source == DATA and "±" not in a.value})
     if guessed:
         click.echo(
             f"warning: targets guessed from the data (source 'data'): {', '.join(guessed)}; the "
@@ -148,6 +152,24 @@ def _table(players: list[str], names: Sequence[str], fit: Fit) -> pd.DataFrame:
     table["noise"] = fit.problem.sigma
     table["fit"], table["fit_p"] = fit.test.verdict, fit.test.p
     return table
+
+
+def _add_targets(table: pd.DataFrame, fit: Fit) -> None:
+    """Add targets that were estimated to the table of weights, and say them."""
+    values, deviations = fit.result.parameters, fit.result.parameter_deviations
+    if values is None:
+        return
+    shown = table[["player"]].copy()
+    for i, own in enumerate(fit.problem.game.parameters.unknowns):
+        for k, unknown in enumerate(own):
+            table.loc[i, unknown.name] = values[i, k]
+            text = f"{values[i, k]:.4g}"
+            if deviations is not None:
+                table.loc[i, f"{unknown.name}_error"] = deviations[i, k]
+                text += f" ± {deviations[i, k]:.1g}"
+            shown.loc[i, f"{unknown.name} [{unknown.unit}]"] = text
+    click.echo("targets that were estimated:")
+    click.echo(shown.fillna("").map(one_line).to_string(index=False))
 
 
 def _say_result(table: pd.DataFrame, players: list[str], fit: Fit, source: str) -> None:
@@ -277,8 +299,9 @@ def _estimate(
         with _stage("estimate", budget):
             answer = player.estimate(task)
         if answer.estimate is None:
+            hint = UNKNOWN if problem.game.parameters.count else ""
             raise UserError(
-                f"estimator {reference!r} does not take this recording: {answer.declined}"
+                f"estimator {reference!r} does not take this recording: {answer.declined}{hint}"
             )
         return check_estimate(answer.estimate, problem), answer.seconds
     except (PlayerFault, InvalidEstimateError) as error:

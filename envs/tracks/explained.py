@@ -7,6 +7,9 @@ The targets of a player (speed, lane, goal) are taken, in this order,
 - from the ``scenario``, if all of its players have the same;
 - from the ``data``: the median speed, the lanes that were driven, the last position.
 
+A target speed and a place in the lane that are taken from the data are guesses. Where they are
+``free``, they are unknown numbers about these, and estimated with the weights.
+
 Whom a player follows is read off the data, at the last sample.
 
 Costs are sums over steps. If tracks have another time step than the scenario, efforts and goals are
@@ -15,6 +18,7 @@ rescaled, so that weights keep their meaning.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from scipy.optimize import linear_sum_assignment
@@ -38,8 +42,11 @@ from olne_bench.games.model.costs import (
 )
 from olne_bench.games.model.game import Player
 from olne_bench.games.model.lanes import LaneKeeping, StraightLane
+from olne_bench.games.model.unknowns import Unknown
 
 FILE, DRAW, SCENARIO, DATA = "file", "draw", "scenario", "data"
+#: How far guesses may be off, one standard deviation, and how many of them at most.
+_SPEED_SPREAD, _OFFSET_SPREAD, _REACH = 3.0, 0.5, 5.0  # [m/s], [m]
 START_TOLERANCE = 0.25  # [m] from a drawn player's start, in addition to three times the noise
 
 
@@ -96,6 +103,7 @@ class Targets:
     drawn: Player | None  # the scenario's player with the same start, or None
     leader: int = -1  # index of whom it follows, -1 for nobody
     names: Sequence[str] = ()  # of all players
+    free: bool = False  # whether guesses are unknown numbers
     assumptions: list[Assumption] = field(default_factory=list)  # assumptions made so far
 
     def __post_init__(self) -> None:
@@ -141,6 +149,9 @@ class Targets:
         elif target is None:
             target, how = self._from_data(name, sorted(everybody))
             source = DATA
+        if source == DATA and name == "speed" and self.free:
+            self._note(name, f"{target:.4g} ± {_SPEED_SPREAD:g}", source, f"{how}, then estimated")
+            return replace(term, target=_guess("target speed", "m/s", float(target), _SPEED_SPREAD))
         self._note(name, f"{target:.4g}", source, how)
         return replace(term, target=float(target))
 
@@ -185,7 +196,8 @@ class Targets:
         assert self.known.road is not None, "a road is looked for where lanes matter"
         curves, names = route(self.known.road, driven(self.known.road, self.motion))
         self._note("lanes", ", ".join(names), DATA, "the lanes driven, by position and heading")
-        return replace(term, route=curves, blend=blend)
+        offset = _guess("offset", "m", 0.0, _OFFSET_SPREAD) if self.free else 0.0
+        return replace(term, route=curves, blend=blend, offset=offset)
 
     def _usual_blend(self) -> float:
         """The longest passage between lanes of any player of the scenario [m]."""
@@ -195,6 +207,12 @@ class Targets:
             for term in player.task
             if isinstance(term, LaneKeeping)
         )
+
+
+def _guess(name: str, unit: str, value: float, spread: float) -> Any:
+    """An unknown number, which stands where a known one would."""
+    reach = _REACH * spread
+    return Unknown(name, unit, value - reach, value + reach, mean=value, deviation=spread)
 
 
 @dataclass(frozen=True)
@@ -210,12 +228,18 @@ class Explained:
 
 
 def explain(
-    name: str, seed: int | None, known: RecordingFile, episode: int, noise: float | None = None
+    name: str,
+    seed: int | None,
+    known: RecordingFile,
+    episode: int,
+    noise: float | None = None,
+    free: bool = False,
 ) -> Explained:
     """Make the game of a recording's episode, whose players have the costs of a named scenario.
 
     The seed is that of the draw that the tracks show, if they show one; ``noise`` that of positions
-    [m], if known. UserError if scenario and recording do not fit each other.
+    [m], if known; ``free`` leaves guesses to be estimated. UserError if scenario and recording do
+    not fit each other.
     """
     states, entry = known.states[episode], known.metadata.episodes[episode]
     names, dt = known.metadata.state_names, known.metadata.dt
@@ -238,7 +262,13 @@ def explain(
         match = None if drawn is None else drawn[i]
         costs = scenario.game.players[0 if match is None else match]
         targets = Targets(
-            player, motion, sources, None if match is None else costs, leaders[i], entry.players
+            player,
+            motion,
+            sources,
+            None if match is None else costs,
+            leaders[i],
+            entry.players,
+            free,
         )
         players.append(_at_step(targets.applied(costs), dt / scenario.game.dt))
         assumptions += targets.assumptions

@@ -185,7 +185,7 @@ MOST_GAP = 8.0
 
 @dataclass(frozen=True)
 class LaneKeeping:
-    """``scale * (beside / width)^2 + heading_scale * 2 (1 - cos(heading - heading of the lane))``.
+    """``scale * ((beside - offset) / width)^2 + heading_scale * 2 (1 - cos(heading - lane's))``.
 
     Along a route of several lanes the costs of two neighbours are blended by a logistic function of
     the distance past the end of the earlier one, within about ``blend`` metres. Beside the lane
@@ -198,6 +198,7 @@ class LaneKeeping:
         route: lanes in driving order, at least one.
         width: unit of the lateral deviation [m].
         blend: length of the transition between lanes [m].
+        offset: where in the lane, to its left [m]; may be unknown.
     """
 
     route: tuple[Lane, ...]
@@ -206,6 +207,7 @@ class LaneKeeping:
     heading_scale: float = 1.0
     blend: float = 2.0
     name: str = "lane"
+    offset: float = 0.0
 
     def __post_init__(self) -> None:
         if not self.route:
@@ -243,7 +245,7 @@ class LaneKeeping:
         reached: ca.SX | float = 1.0  # how much of the car has passed all earlier lanes
         for lane, goes_on in zip(self.route, self._goes_on(), strict=True):
             along, beside, direction = lane.locate(position)
-            own = self.scale * (beside / self.width) ** 2
+            own = self.scale * ((beside - self.offset) / self.width) ** 2
             own += self.heading_scale * 2 * (1 - ca.cos(heading - direction))
             past = (along - lane.length) * ca.sqrt(1 + (beside / self.blend) ** 2)
             # 1/(1+exp) overflows far away; tanh does not.

@@ -191,6 +191,12 @@ def export() -> None:
     help="Standard deviation of position noise [m]. Default: estimated with the weights.",
 )
 @shown(
+    "--targets",
+    type=click.Choice(["estimated", "fixed"]),
+    default="estimated",
+    help="Target speeds and places in the lane that are guessed from the data.",
+)
+@shown(
     "--budget",
     type=BUDGET,
     default=60.0,

@@ -317,11 +317,32 @@ def test_estimators_run_on_recordings_with_truth(tmp_path, capsys):
 
 def test_motion_that_the_model_does_not_explain_is_warned_of(tmp_path, capsys, recorded):
     path = tracks_of(recorded("highway_overtaking"), tmp_path, x=3.0)
-    run("estimate", path, "--scenario", "highway_overtaking", "--noise", 1e-3)
+    given = ("--scenario", "highway_overtaking", "--noise", 1e-3, "--targets", "fixed")
+    run("estimate", path, *given)
     said = capsys.readouterr()
     assert "noise 0.001 m (--noise)" in said.out
     assert "the model does not explain the motion, do not rely on these weights" in said.err
     assert "targets guessed from the data (source 'data'): px, speed" in said.err
+
+
+def test_guessed_targets_are_estimated_with_the_weights(tmp_path, capsys, recorded):
+    """Without noise they are found, as is where somebody drives in the lane."""
+    true = recorded("following")
+    path = tracks_of(true, tmp_path)
+    beside = tmp_path / "lane.toml"
+    beside.write_text("[lanes.lane]\npoints = [[-200, 0.2], [900, 0.2]]\n")
+    run("import", tmp_path / "tracks.csv", "--road", beside, "--out", tmp_path / "lane.parquet")
+    out = tmp_path / "weights.csv"
+    given = ("--scenario", "following", "--noise", 1e-3, "--estimator", "map")
+    run("estimate", tmp_path / "lane.parquet", *given, "--out", out)
+    said = capsys.readouterr().out
+    assert "median speed, then estimated" in said and "targets that were estimated:" in said
+    table = pd.read_csv(out)
+    speeds = [player.preferences[1].target for player in true.scenario.game.players]
+    assert table["offset"].to_numpy() == pytest.approx(-0.2, abs=0.01)
+    off = np.abs(table["target speed"] - speeds) / table["target speed_error"]
+    assert off.max() < 2.5 and table["residual"].max() < 1e-3
+    assert path.exists()
 
 
 RAISES = """class Raises:
