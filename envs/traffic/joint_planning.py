@@ -79,21 +79,33 @@ def planning_groups(road: Road) -> list[list[PlanningVehicle]]:
 
 
 def nearest_predictions(road: Road, groups: list[list[PlanningVehicle]]) -> np.ndarray:
-    """The nearest predictions (N, M, T-1, 2) that members of groups avoid besides their group."""
+    """Predictions (N, M, T-1, 2) that members of groups avoid besides their group.
+
+    Of all in sight, those that come nearest to where a member itself is predicted: a wreck in its
+    lane rather than those beside it.
+    """
     around = [entry for entry in (*road.vehicles, *road.objects) if not isinstance(entry, Landmark)]
     paths = np.stack([predicted_positions(other) for other in around])
     group_of = {id(member): index for index, group in enumerate(groups) for member in group}
     theirs = np.array([group_of.get(id(other), -1) for other in around])
     members = [member for group in groups for member in group]
     own = np.array([group_of[id(member)] for member in members])
-    offsets = paths[:, 0] - np.array([member.position for member in members])[:, None]
-    distances = np.hypot(offsets[..., 0], offsets[..., 1])  # (N, others)
-    distances[own[:, None] == theirs] = np.inf
-    nearest = np.argsort(distances, axis=1, kind="stable")[:, :NUM_OTHERS]
+    places = np.array([member.position for member in members])
+    unseen = _distances(paths[:, 0], places[:, None]) >= SIGHT
+    unseen[own[:, None] == theirs] = True
+    expected = np.stack([predicted_positions(member) for member in members])
+    nearness = _distances(paths, expected[:, None]).min(axis=2)  # (N, others)
+    nearness[unseen] = np.inf
+    nearest = np.argsort(nearness, axis=1, kind="stable")[:, :NUM_OTHERS]
     found = np.full((len(members), NUM_OTHERS, STEPS, 2), FAR_AWAY)
-    row, slot = np.nonzero(np.take_along_axis(distances, nearest, axis=1) < SIGHT)
+    row, slot = np.nonzero(np.isfinite(np.take_along_axis(nearness, nearest, axis=1)))
     found[row, slot] = paths[nearest[row, slot]]
     return found
+
+
+def _distances(ones: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Distances (...) [m] between points (..., 2)."""
+    return np.hypot(*np.moveaxis(ones - others, -1, 0))
 
 
 def predicted_positions(other: RoadObject) -> np.ndarray:

@@ -76,23 +76,34 @@ def begins(found: np.ndarray, speeds: list[float]) -> list[list[float]]:
     return (found[: len(speeds), 0] - steps).tolist()
 
 
-def test_the_nearest_are_avoided_but_the_group_and_landmarks(road) -> None:
+def test_who_comes_nearest_is_avoided_but_the_group_and_landmarks(road) -> None:
     vehicle, member = planning(road, 100.0), planning(road, 110.0)
     road.vehicles.append(Vehicle(road, [130.0, 4.0], speed=10.0))
     road.vehicles.append(Vehicle(road, [100 + SIGHT + 5, 0.0], speed=0.0))
     road.objects += [Obstacle(road, [150.0, 0.0]), Landmark(road, [105.0, 0.0])]
     found = nearest_predictions(road, [[vehicle, member]])
     assert found.shape == (2, NUM_OTHERS, STEPS, 2)
-    assert begins(found[0], [10.0, 0.0]) == [[130, 4], [150, 0]]
+    # Both are met within a plan; the obstacle is in the lane, the car one lane beside it.
+    assert begins(found[0], [0.0, 10.0]) == [[150, 0], [130, 4]]
     assert (found[0, 2:] == FAR_AWAY).all()  # the fourth is out of sight from the first
-    assert begins(found[1], [10.0, 0.0, 0.0]) == [[130, 4], [150, 0], [100 + SIGHT + 5, 0]]
+    far = 100 + SIGHT + 5
+    assert begins(found[1], [0.0, 0.0, 10.0]) == [[150, 0], [far, 0], [130, 4]]
+
+
+def test_a_wreck_in_the_lane_comes_before_nearer_ones_beside_it(road) -> None:
+    vehicle = planning(road, 100.0)
+    road.objects += [Obstacle(road, [x, 4.0]) for x in (120.0, 125.0, 130.0)]
+    road.objects.append(Obstacle(road, [140.0, 0.0]))
+    (found,) = nearest_predictions(road, [[vehicle]])
+    assert begins(found, [0.0])[0] == [140, 0]
 
 
 def test_another_group_is_avoided_and_only_so_many(road) -> None:
     vehicle, other = planning(road, 100.0), planning(road, 160.0)
     road.objects += [Obstacle(road, [100.0 + d, 0.0]) for d in (40.0, -20.0, 70.0)]
     found = nearest_predictions(road, [[vehicle], [other]])
-    assert begins(found[0], [0.0, 0.0, 20.0]) == [[80, 0], [140, 0], [160, 0]]
+    # On the way ahead within 80 m; of those at the same speed or behind, the nearer.
+    assert begins(found[0], [0.0, 0.0, 0.0]) == [[140, 0], [170, 0], [80, 0]]
     assert begins(found[1], [0.0, 0.0, 20.0]) == [[170, 0], [140, 0], [100, 0]]
 
 
