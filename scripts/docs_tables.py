@@ -184,16 +184,20 @@ def online() -> pd.DataFrame:
 
 
 def people() -> pd.DataFrame:
-    """Errors along the lane over those of driving straight on, by road and kind of moment."""
+    """Errors along the lane over those of driving straight on, by road, half and kind of moment."""
     table = _csv("people", "summary").query("ahead == 3 and kind in ('all', 'wave')")
     table = table[(table["method"] != "straight") & (table["pieces"] > 3)]
+    table = table[
+        (table["half"] == "both") | ((table["half"] == "second") & (table["kind"] == "all"))
+    ]
     ends = table["over_straight_low"], table["over_straight_high"]
     cells = [
         f"{middle:.2f} [{low:.2f}, {high:.2f}]"
         for middle, low, high in zip(table["over_straight"], *ends, strict=True)
     ]
-    place = table["road"] + ", " + table["kind"] + ", " + table["cars"].astype(str) + " cars"
-    table = table.assign(place=place)
+    half = table["half"].map({"both": "", "second": " of the second half"})
+    count = table["cars"].astype(str) + " cars" + half
+    table = table.assign(place=table["road"] + ", " + table["kind"] + ", " + count)
     return _pivot(table, cells, "place", "method")
 
 

@@ -1,7 +1,7 @@
-"""Write CommonRoad files of cars that play the game ``following``, for ``scripts/people.py``.
+"""Write CommonRoad files of cars that play the game ``following``, for ``olne-bench people``.
 
     python scripts/nash_files.py FOLDER [--draws 60]
-    python scripts/people.py FOLDER --out FOLDER
+    olne-bench people FOLDER --weights --open --out OUT
 
 Each file has five cars in one lane, whose weights are uniform on the simplex and who want the speed
 at which they begin. They play one open-loop equilibrium of 8 s, seen with errors of 2 cm. So it is

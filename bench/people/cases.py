@@ -20,8 +20,10 @@ from olne_bench.envs.tracks.prediction import (
     STEP,
     Driver,
     Foreseen,
+    places,
     play,
     predict_cars,
+    respond,
 )
 from olne_bench.envs.tracks.reading import grid_and_road, read_whole
 from olne_bench.envs.tracks.road import Road
@@ -129,6 +131,10 @@ def _case(grid: Grid, road: Road, name: str, source: Source, weights: bool) -> C
     if not one.leaders or not np.isfinite(one.recorded).all():
         return None
     case = _known(one, past.states, source)
+    (leader,) = predict_cars(grid, road, at, seconds, players=[one.leaders[0]])
+    led = places(one.way, leader.recorded)
+    known = respond(one.drivers, led) if np.isfinite(led).all() else None
+    case.predicted["leader known"] = _since(one.drivers, one.times, known)
     if weights:
         _weigh(case, one.drivers, past)
     return case
@@ -147,7 +153,7 @@ def _known(one: Foreseen, states: np.ndarray, source: Source) -> Case:
     own, *ahead = one.drivers
     at = _at(len(one.times))
     speeds = np.array([car.speed for car in one.drivers])
-    places = np.array([car.along for car in one.drivers])
+    along = np.array([car.along for car in one.drivers])
     start = np.array([own.along, own.left])
     straight = np.column_stack([own.speed * one.times, 0 * one.times])
     intent = [_wanting(own, one.happened), *ahead]
@@ -164,7 +170,7 @@ def _known(one: Foreseen, states: np.ndarray, source: Source) -> Case:
             "intent": _played(intent, one.times),
         },
         one.half_widths[at],
-        np.diff(places),
+        np.diff(along),
         speeds,
         np.array([car.target - car.speed for car in one.drivers]),
         one.why != NO_ROOT,
@@ -180,11 +186,17 @@ def _played(
     drivers: Sequence[Driver], times: np.ndarray, weights: np.ndarray | None = None
 ) -> np.ndarray:
     """Places (H, 2) by the game; those of driving straight on without an equilibrium."""
-    places = play(drivers, len(times), np.full(4, 0.25) if weights is None else weights)
-    if places is None:
-        places = np.column_stack([drivers[0].speed * times, 0 * times])
-        return np.asarray(places[_at(len(times))])
-    return np.asarray(places[_at(len(times))] - (drivers[0].along, drivers[0].left))
+    found = play(drivers, len(times), np.full(4, 0.25) if weights is None else weights)
+    return _since(drivers, times, found)
+
+
+def _since(drivers: Sequence[Driver], times: np.ndarray, found: np.ndarray | None) -> np.ndarray:
+    """Places (H, 2) since the moment; those of driving straight on where none are found."""
+    if found is None:
+        found = np.column_stack([drivers[0].speed * times, 0 * times])
+    else:
+        found = found - (drivers[0].along, drivers[0].left)
+    return np.asarray(found[_at(len(times))])
 
 
 def _held(own: Driver, times: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from olne_bench.bench.people.rivals import Rivals, fitted_to, shares_of
 
 METHODS = (
     *("straight", "controls", "game", "alone", "own weights", "population", "intent"),
+    "leader known",
     *("idm", "ridge", "kernel"),
 )
 FIRST, SECOND, BOTH = "first", "second", "both"

@@ -24,8 +24,10 @@ from olne_bench.envs.tracks.leaders import (
 )
 from olne_bench.envs.tracks.road import Place, Road, locate
 from olne_bench.errors import UserError
+from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.lanes import StraightLane
+from olne_bench.games.solve.best_response import best_responses
 from olne_bench.games.solve.olne import solve_olne
 
 #: Cars of one game: a car and those ahead of it.
@@ -80,12 +82,12 @@ class Foreseen:
 
     def errors(self, positions: np.ndarray) -> np.ndarray:
         """(S, 2) errors of predicted positions along the way and across it [m], left positive."""
-        return np.asarray(_places(self.way, positions) - self.happened)
+        return np.asarray(places(self.way, positions) - self.happened)
 
     @property
     def happened(self) -> np.ndarray:
         """(S, 2) recorded distances along the way and to its left [m]."""
-        return _places(self.way, self.recorded)
+        return places(self.way, self.recorded)
 
 
 @dataclass(frozen=True)
@@ -254,7 +256,7 @@ def _foreseen(
     return Foreseen(name, tuple(leaders), times, game, straight, line, recorded, why, drivers)
 
 
-def _places(line: np.ndarray, positions: np.ndarray) -> np.ndarray:
+def places(line: np.ndarray, positions: np.ndarray) -> np.ndarray:
     """Distances (S, 2) along a line and to its left [m], beyond its ends as well."""
     return _beside(line, locate(line, positions), positions)
 
@@ -287,6 +289,23 @@ def play(drivers: Sequence[Driver], steps: int, theta: np.ndarray) -> np.ndarray
     theta = np.broadcast_to(theta, (len(drivers), 4))
     found = solve_olne(_game(drivers, steps, STEP), theta, start)
     return found.states[:, 0, :2] if found.certificate.passed else None
+
+
+def respond(drivers: Sequence[Driver], leader: np.ndarray) -> np.ndarray | None:
+    """As ``play``, of a driver whose leader is known to drive over places (S, 2); equal weights."""
+    car, ahead = drivers[:2]
+    game = _game((car, ahead), len(leader), STEP)
+    start = np.array([[one.along, one.left, one.off, one.speed] for one in (car, ahead)])
+    controls = np.zeros(game.control_shape)
+    states = rollout(CAR, start, controls, STEP)
+    states[1:, 1, :2], states[1:, 1, 2] = leader[1:], 0.0
+    states[:, 1, 3] = np.gradient(leader[:, 0], STEP)
+    given = game, 0, controls[None, :, 0], states, controls
+    found = best_responses(*given, np.full((2, 4), 0.25))
+    if not found.converged[0]:
+        return None
+    controls[:, 0] = found.controls[0]
+    return np.asarray(rollout(CAR, start, controls, STEP)[:, 0, :2])
 
 
 def _game(drivers: Sequence[Driver], steps: int, dt: float) -> Game:

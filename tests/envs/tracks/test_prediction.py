@@ -4,7 +4,14 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.tracks.grid import Grid
-from olne_bench.envs.tracks.prediction import NO_LANE, NO_LEADER, predict_cars, prediction_table
+from olne_bench.envs.tracks.prediction import (
+    NO_LANE,
+    NO_LEADER,
+    places,
+    predict_cars,
+    prediction_table,
+    respond,
+)
 from olne_bench.envs.tracks.road import Road, RoadLane
 from olne_bench.errors import UserError
 from olne_bench.games.model.game import Game
@@ -131,3 +138,18 @@ def test_the_table_has_a_row_for_each_car_and_time() -> None:
 def test_bad_input_is_named(at: float, ahead: float, players: tuple[str, ...], said: str) -> None:
     with pytest.raises(UserError, match=said):
         predict_cars(straight_on(0.0), ROAD, at, ahead, players=players)
+
+
+def test_who_knows_its_leader_answers_what_it_does():
+    """With the motion that the leader has in the game, the response is the equilibrium."""
+    grid = straight_on(0.0, 0.0)
+    grid.states[:, 1, 0] = 20 + 14 * grid.times
+    grid.states[:, 1, 3] = 14
+    first, second = predict_cars(grid, ROAD, AT, AHEAD)
+    led = places(second.way, first.straight)
+    found = respond(second.drivers, led)
+    assert found[:, 0] == pytest.approx(places(second.way, second.game)[:, 0], abs=1e-3)
+    braking = led.copy()
+    braking[:, 0] -= 0.5 * first.times**2
+    slower = respond(second.drivers, braking)
+    assert (slower[2:, 0] < found[2:, 0]).all() and slower[-1, 0] > braking[-1, 0] - 40
