@@ -105,7 +105,7 @@ def nearest_predictions(road: Road, groups: list[list[PlanningVehicle]]) -> np.n
 
 def _distances(ones: np.ndarray, others: np.ndarray) -> np.ndarray:
     """Distances (...) [m] between points (..., 2)."""
-    return np.linalg.norm(ones - others, axis=-1)
+    return np.asarray(np.linalg.norm(ones - others, axis=-1))
 
 
 def predicted_positions(other: RoadObject) -> np.ndarray:
