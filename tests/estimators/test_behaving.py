@@ -10,9 +10,11 @@ from olne_bench.estimators.behaving import Behaving
 from olne_bench.estimators.map import Map
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.games.model.dynamics import rollout
-from olne_bench.games.model.observation import VIEWS, observe
+from olne_bench.games.model.observation import VIEWS, ComponentView, FullView, observe
 from olne_bench.games.solve.behaviours import plans
+from olne_bench.games.solve.feedback import solve_feedback
 from olne_bench.games.solve.olne import solve_olne
+from tests.games.solve.test_feedback import linear
 
 SIGMA = 0.003
 
@@ -49,6 +51,22 @@ def test_weights_are_found_again_where_hardly_any_noise_hides_them(seen_of, beha
     np.testing.assert_allclose(found.weights, weights, atol=1e-4)
     plain = estimated(Map(), problem, observation)
     assert np.abs(plain.weights - weights).max() > 10 * np.abs(found.weights - weights).max()
+
+
+@pytest.mark.parametrize("view", [FullView(), ComponentView("places", ("px", "py"))])
+@pytest.mark.parametrize("gap", [False, True])
+def test_weights_of_an_lq_game_of_strategies_are_found_again(view, gap):
+    """As in Li et al. 2023: all of the state or a part of it, and samples that are missing."""
+    game, weights = linear(2), np.array([[0.5, 0.3, 0.2], [0.3, 0.2, 0.5]])
+    start = np.random.default_rng(2).normal(size=(2, 4))
+    still = np.zeros(game.control_shape)
+    motion = solve_feedback(game, weights, start, initial_controls=still).states
+    seen = observe(view, game.dynamics, motion).copy()
+    seen[2:4] = np.nan if gap else seen[2:4]
+    given = Problem(game, view, 1e-6), Observation(seen)
+    found = estimated(Behaving("feedback"), *given)
+    np.testing.assert_allclose(found.weights, weights, atol=1e-6)
+    assert np.abs(estimated(Map(), *given).weights - weights).max() > 0.1
 
 
 @pytest.mark.parametrize("behaviour", ["open_loop", "responding", "alone", "straight"])

@@ -8,8 +8,7 @@ import pytest
 
 from olne_bench.bench.commands.cli import main
 from olne_bench.bench.people.study import rows_of, second_half, shown, summary
-
-from .test_rivals import CASES, case
+from tests.bench.people.test_rivals import CASES, case
 
 
 def test_pieces_of_a_road_are_in_its_halves_in_turn():
