@@ -26,6 +26,7 @@ MAX_SHIFTS = 3  # plan steps for which an old plan may be used
 BETWEEN = 3  # number of points between two plan steps at which contact is checked
 _STANDS = 0.1  # [m] in a plan step: the direction of what moves less is not known
 _CROSSES = 0.3  # sine of the angle from which on a car crosses
+_ALIKE = 0.8  # cosine of the angle between two cars in one direction
 _ROOM = 0.3  # [m] that is kept to one that does
 #: Steering [rad] and acceleration [m/s^2]: a Newton step within these is the last one.
 SMALL_CHANGE = (2e-3, 0.1)
@@ -37,7 +38,8 @@ Starts = list[VehiclePlan | None]
 class TrafficReport:
     """Counts of the outcomes of planning on one road."""
 
-    solved: int = 0  # number of vehicle plans that are equilibria
+    #: Number of vehicle plans that are equilibria, or answers to what others are expected to do.
+    solved: int = 0
     shifted: int = 0  # number of times a vehicle continued its previous plan
     #: Number of times a vehicle fell back on the Intelligent Driver Model, as it had no plan or
     #: only one that collides.
@@ -82,7 +84,7 @@ def nearest_predictions(road: Road, groups: list[list[PlanningVehicle]]) -> np.n
     """Predictions (N, M, T-1, 2) that members of groups avoid besides their group.
 
     Of all in sight, those that come nearest to where a member itself is predicted: a wreck in its
-    lane rather than those beside it.
+    lane rather than those beside it. Who drives behind a member answers it, not the reverse.
     """
     around = [entry for entry in (*road.vehicles, *road.objects) if not isinstance(entry, Landmark)]
     paths = np.stack([predicted_positions(other) for other in around])
@@ -92,7 +94,7 @@ def nearest_predictions(road: Road, groups: list[list[PlanningVehicle]]) -> np.n
     own = np.array([group_of[id(member)] for member in members])
     places = np.array([member.position for member in members])
     unseen = _distances(paths[:, 0], places[:, None]) >= SIGHT
-    unseen[own[:, None] == theirs] = True
+    unseen |= (own[:, None] == theirs) | _behind(members, around)
     expected = np.stack([predicted_positions(member) for member in members])
     nearness = _distances(paths, expected[:, None]).min(axis=2)  # (N, others)
     nearness[unseen] = np.inf
@@ -101,6 +103,17 @@ def nearest_predictions(road: Road, groups: list[list[PlanningVehicle]]) -> np.n
     row, slot = np.nonzero(np.isfinite(np.take_along_axis(nearness, nearest, axis=1)))
     found[row, slot] = paths[nearest[row, slot]]
     return found
+
+
+def _behind(members: Sequence[Vehicle], around: Sequence[RoadObject]) -> np.ndarray:
+    """(N, others) who drives behind a member, in its lane and its direction."""
+    headings = np.array([member.heading for member in members])[:, None]
+    places = np.array([member.position for member in members])[:, None]
+    x, y = np.moveaxis(np.array([other.position for other in around]) - places, -1, 0)
+    cos, sin = np.cos(headings), np.sin(headings)
+    alike = np.cos(np.array([other.heading for other in around]) - headings) > _ALIKE
+    behind = x * cos + y * sin < -Vehicle.LENGTH / 2
+    return np.asarray(alike & behind & (np.abs(y * cos - x * sin) < Vehicle.WIDTH))
 
 
 def _distances(ones: np.ndarray, others: np.ndarray) -> np.ndarray:
@@ -131,10 +144,15 @@ def predicted_positions(other: RoadObject) -> np.ndarray:
 
 def plan_together(road: Road) -> None:
     """Give a plan to each vehicle whose plan is due, in games of neighbours."""
-    groups, age = planning_groups(road), _age_of_plans(road)
+    groups = planning_groups(road)
     for group in groups:
         for member in group:
             member.choose_lane()
+    _plan(road, groups, _age_of_plans(road))
+
+
+def _plan(road: Road, groups: list[Group], age: float) -> None:
+    """Plan in these groups; members of one without an equilibrium answer what others will do."""
     starts = [[member.remaining_plan() for member in group] for group in groups]
     situations = _situations(road, groups, starts)
     begin = perf_counter()
@@ -143,13 +161,19 @@ def plan_together(road: Road) -> None:
     planning = sum(len(group) for group in groups)
     times = report.seconds.setdefault(planning, deque(maxlen=10_000))
     times.append(perf_counter() - begin)
+    apart: list[Group] = []
     for group, start, situation, solution in zip(
         groups, starts, situations, solutions, strict=True
     ):
+        if len(group) > 1 and not solution.converged:
+            apart += [[member] for member in group]
+            continue
         collides, room = _run_into_something(solution.states, situation.others)
         for index, member in enumerate(group):
             plan = _next_plan(solution, index, bool(collides[index]), start[index], report)
             member.adopt(plan, float(room[index]), age)
+    if apart:
+        _plan(road, apart, age)
 
 
 def _age_of_plans(road: Road) -> float:

@@ -102,9 +102,18 @@ def test_another_group_is_avoided_and_only_so_many(road) -> None:
     vehicle, other = planning(road, 100.0), planning(road, 160.0)
     road.objects += [Obstacle(road, [100.0 + d, 0.0]) for d in (40.0, -20.0, 70.0)]
     found = nearest_predictions(road, [[vehicle], [other]])
-    # On the way ahead within 80 m; of those at the same speed or behind, the nearer.
-    assert begins(found[0], [0.0, 0.0, 0.0]) == [[140, 0], [170, 0], [80, 0]]
-    assert begins(found[1], [0.0, 0.0, 20.0]) == [[170, 0], [140, 0], [100, 0]]
+    # What stands on the way ahead, then who drives on it; not what is behind.
+    assert begins(found[0], [0.0, 0.0, 20.0]) == [[140, 0], [170, 0], [160, 0]]
+    assert begins(found[1], [0.0]) == [[170, 0]] and (found[1, 1:] == FAR_AWAY).all()
+
+
+def test_who_drives_behind_is_left_to_answer(road) -> None:
+    vehicle = planning(road, 100.0)
+    for x, y in ((85.0, 0.0), (85.0, 4.0), (98.0, 0.0)):  # behind, beside, and in contact
+        road.vehicles.append(Vehicle(road, [x, y], speed=25.0))
+    (found,) = nearest_predictions(road, [[vehicle]])
+    assert begins(found, [25.0, 25.0]) == [[98, 0], [85, 4]]
+    assert (found[2:] == FAR_AWAY).all()
 
 
 @pytest.mark.parametrize(("age", "first"), [(0.0, 1), (0.15, 1), (0.25, 2), (0.4, 2)])
