@@ -234,7 +234,7 @@ def _weigh(case: Case, drivers: Sequence[Driver], past: _Past) -> None:
     found = Map().estimate(*given, rng=np.random.default_rng(0), budget=_SECONDS)
     case.seconds = time.perf_counter() - begun
     case.answered = case.answered and found.converged
-    theta = found.weights if found.converged else np.full((len(drivers), 4), 0.25)
+    theta = found.weights if found.converged else np.full(4, 0.25)
     case.predicted["own weights"] = _played(drivers, times, theta)
     if found.states is not None:
         off = (found.states - past.states)[:, 0, :2]

@@ -2,12 +2,13 @@
 
 A car's game has its leader, the leader's leader and so on. Everybody has the same weights, unless
 others are given, keeps its place in the lane and wants the speed that it would have soon at its
-present acceleration. Beside it stands driving on along the lane at constant speed, which needs no
-game.
+present acceleration. Who drives away from the car behind it is no leader. Beside the game stands
+driving on along the lane at constant speed.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 import pandas as pd
@@ -41,6 +42,8 @@ _PRESENT = 0.5
 _RECENT, KEPT = 1.0, 1.0
 #: 90 % of recorded drivers are within ``_SPREAD * t**_GROWTH`` [m] of the game, along and across.
 _SPREAD, _GROWTH = np.array([1.05, 0.29]), np.array([1.37, 0.67])
+#: Who is so much faster than the car behind it drives away from it [m/s] (docs/people.md).
+_AWAY = 5.0
 _AHEAD = 1e3  # [m] of the way of a car that is in no lane
 _LENGTH = 1e4  # [m] of lanes, beyond what anybody drives
 #: Weights (N, 4) of the players of a game, of which states (T, N, 4) were seen, NaN where not.
@@ -55,14 +58,14 @@ class Foreseen:
 
     Attributes:
         player: its name.
-        leaders: those ahead of it, the nearest first.
+        leaders: those ahead of it, the nearest first, whom it need not follow.
         times: (S,) seconds after the last sample that was seen, 0 first.
         game: (S, 2) positions [m] by the game; those of ``straight`` where there is none.
         straight: (S, 2) positions at constant speed along the lane.
         way: (P, 2) points of the way on.
         recorded: (S, 2) what has happened, NaN where it is not known.
         why: why there is no game; empty where there is one.
-        drivers: the players of its game, the car first.
+        drivers: the car and its leaders.
     """
 
     player: str
@@ -247,8 +250,8 @@ def _foreseen(
     game, why = straight, NO_LEADER
     if leaders:
         if callable(weights):
-            states, step = past.on_way(line, (first, *leaders))
-            wanted = [replace(one, target=one.speed) for one in drivers]  # so far
+            wanted = [replace(one, target=one.speed) for one in followed(drivers)]  # so far
+            states, step = past.on_way(line, (first, *leaders)[: len(wanted)])
             weights = weights(_game(wanted, len(states), step), states)
         played = play(drivers, len(times), weights)
         why = NO_ROOT if played is None else ""
@@ -283,16 +286,26 @@ def _points(line: np.ndarray, along: np.ndarray, left: np.ndarray) -> np.ndarray
 def play(drivers: Sequence[Driver], steps: int, theta: np.ndarray) -> np.ndarray | None:
     """Places (S, 2) of the first driver along the way and to its left; None without an equilibrium.
 
-    Weights are (4,), the same for all, or (N, 4); places are ``STEP`` apart.
+    Weights are (4,), the same for all, or (N, 4) of those that are ``followed``; places are
+    ``STEP`` apart.
     """
+    drivers = followed(drivers)
     start = np.array([[one.along, one.left, one.off, one.speed] for one in drivers])
     theta = np.broadcast_to(theta, (len(drivers), 4))
     found = solve_olne(_game(drivers, steps, STEP), theta, start)
     return found.states[:, 0, :2] if found.certificate.passed else None
 
 
+def followed(drivers: Sequence[Driver]) -> Sequence[Driver]:
+    """The first driver and those ahead, as far as nobody drives away from the one behind."""
+    away = (ahead.speed - car.speed > _AWAY for car, ahead in pairwise(drivers))
+    return drivers[: next((k for k, is_away in enumerate(away, 1) if is_away), len(drivers))]
+
+
 def respond(drivers: Sequence[Driver], leader: np.ndarray) -> np.ndarray | None:
     """As ``play``, of a driver whose leader is known to drive over places (S, 2); equal weights."""
+    if len(followed(drivers)) == 1:
+        return play(drivers, len(leader), np.full(4, 0.25))
     car, ahead = drivers[:2]
     game = _game((car, ahead), len(leader), STEP)
     start = np.array([[one.along, one.left, one.off, one.speed] for one in (car, ahead)])

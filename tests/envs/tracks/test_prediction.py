@@ -154,3 +154,18 @@ def test_who_knows_its_leader_answers_what_it_does():
     slower = respond(second.drivers, braking)
     lost = found[:, 0] - slower[:, 0]
     assert (lost[2:] > 0).all() and lost[-1] < (led - braking)[-1, 0]
+
+
+def test_who_drives_away_is_not_followed():
+    speeds = (18.0, 10.0)
+    grid = straight_on(0.0, 0.0)
+    for k, speed in enumerate(speeds):
+        grid.states[:, k, 0] = 60 - 20 * k + speed * grid.times
+        grid.states[:, k, 3] = speed
+    _, one = predict_cars(grid, ROAD, AT, AHEAD)
+    assert one.leaders == ("car 0",) and one.why == ""
+    assert one.game == pytest.approx(one.straight, abs=1e-6)
+    grid.states[:, 0, 0] = 60 + 14 * grid.times
+    grid.states[:, 0, 3] = 14.0
+    _, one = predict_cars(grid, ROAD, AT, AHEAD)
+    assert one.game[-1, 0] > one.straight[-1, 0] + 1
