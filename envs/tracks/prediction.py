@@ -40,8 +40,9 @@ _PRESENT = 0.5
 #: Seconds over whose samples the present acceleration is the slope of the speed, and for how long
 #: drivers want to go on with it (docs/people.md).
 _RECENT, KEPT = 1.0, 1.0
-#: 90 % of recorded drivers are within ``_SPREAD * t**_GROWTH`` [m] of the game, along and across.
-_SPREAD, _GROWTH = np.array([1.05, 0.29]), np.array([1.37, 0.67])
+#: 90 % of recorded drivers are within ``_SPREAD * t**_GROWTH`` [m] of the game along and across,
+#: and along as much more as ``_CHANGE`` of what the game differs from driving straight on.
+_SPREAD, _GROWTH, _CHANGE = np.array([0.79, 0.30]), np.array([1.16, 0.65]), 0.6
 #: Who is so much faster than the car behind it drives away from it [m/s] (docs/people.md).
 _AWAY = 5.0
 _AHEAD = 1e3  # [m] of the way of a car that is in no lane
@@ -81,7 +82,10 @@ class Foreseen:
     @property
     def half_widths(self) -> np.ndarray:
         """(S, 2) halves of the 90 % regions along the way and across it [m] (docs/people.md)."""
-        return np.asarray(self.times[:, None] ** _GROWTH * _SPREAD)
+        changed = places(self.way, self.game) - places(self.way, self.straight)
+        return np.asarray(
+            self.times[:, None] ** _GROWTH * _SPREAD + np.abs(changed) * (_CHANGE, 0.0)
+        )
 
     def errors(self, positions: np.ndarray) -> np.ndarray:
         """(S, 2) errors of predicted positions along the way and across it [m], left positive."""
