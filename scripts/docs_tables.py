@@ -183,6 +183,17 @@ def online() -> pd.DataFrame:
     return wide[[*names, "constant_velocity", "stock", "stock_fitted"]]
 
 
+def traffic() -> pd.DataFrame:
+    """Rates per vehicle-hour of Nash traffic and, after a slash, IDM's; speed [m/s]."""
+    table = _csv("traffic", "rates").set_index(["road", "kind"])
+    crashes = table[["crashes", "low", "high"]].itertuples(index=False)
+    table["crashes"] = [f"{middle:.1f} [{low:.1f}, {high:.1f}]" for middle, low, high in crashes]
+    names = ["crashes", "spawned", "near", "changes", "standing", "speed"]
+    shown = table[names].map(lambda value: value if isinstance(value, str) else f"{value:.3g}")
+    own, other = (shown.xs(kind, level="kind") for kind in ("Nash", "IDM"))
+    return own + " / " + other.loc[own.index]
+
+
 def people() -> pd.DataFrame:
     """Errors along the lane over those of driving straight on, by road, half and kind of moment."""
     table = _csv("people", "summary").query("ahead == 3 and kind in ('all', 'wave')")
@@ -216,7 +227,7 @@ TABLES: dict[str, Callable[[], pd.DataFrame]] = {
     table.__name__: table
     for table in (
         paper, damage, road_scores, constrained, claims, coverage, identified,
-        learned_errors, online, people, encounters,
+        learned_errors, online, people, traffic, encounters,
     )
 }  # fmt: skip
 

@@ -5,8 +5,9 @@
 
 Stock environments of HighwayEnv without the ego, 20 s an episode; the seed is the episode's number.
 Each episode is a row of the file, and a later call goes on until each road and kind of traffic has
-so many vehicle-hours. Prints rates per vehicle-hour, with exact 95 % intervals for crashes. Cars
-that begin within 2 m of another one, or crash into such a car, count apart (``spawned``).
+so many vehicle-hours. Prints rates per vehicle-hour, with exact 95 % intervals for crashes, and
+writes them to rates.csv beside FILE. Cars that begin within 2 m of another one, or crash into such
+a car, count apart (``spawned``).
 """
 
 import csv
@@ -61,7 +62,9 @@ def main(
             for row in _missing(out, name, own, 3600 * hours):
                 with out.open("a", newline="") as file:
                     csv.writer(file).writerow(row)
-    print(table(pd.read_csv(out)).to_string(float_format=lambda value: f"{value:.3g}"))
+    rates = table(pd.read_csv(out))
+    rates.round(3).to_csv(out.with_name("rates.csv"))
+    print(rates.to_string(float_format=lambda value: f"{value:.3g}"))
 
 
 def _missing(out: Path, road: str, kind: str, seconds: float) -> Iterator[list[object]]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -12,9 +13,10 @@ from matplotlib.patches import Ellipse
 from olne_bench.bench.report.figures import style
 from olne_bench.envs.tracks.grid import Grid
 from olne_bench.envs.tracks.prediction import Foreseen
-from olne_bench.envs.tracks.road import Road
+from olne_bench.envs.tracks.road import Road, locate
 
 _GAME, _STRAIGHT, _LANE, _PAST = "#0B6E99", "#C4572B", "#D0D2D6", "#8A8F98"
+_HOLLOW: dict[str, Any] = {"linestyle": "", "markerfacecolor": "none"}
 _MARGIN = 12.0  # [m] around what is shown
 _WIDTH, _LEAST, _MOST = 8.0, 3.0, 9.0  # [inch]
 
@@ -49,6 +51,9 @@ def draw(found: Sequence[Foreseen], grid: Grid, road: Road, at: float, step: int
         axes.plot(*one.game.T, color=_GAME, linewidth=1.8)
         axes.plot(*one.recorded[::2].T, ".", color="black", markersize=3.5)
         axes.plot(*one.game[0], "s", color=_PAST, markersize=4)
+        axes.plot(*one.straight[-1], "x", color=_STRAIGHT, markersize=6, zorder=5)
+        axes.plot(*one.game[-1], "o", color=_GAME, markersize=5, zorder=5)
+        axes.plot(*one.recorded[-1], "o", color="black", zorder=6, **_HOLLOW)
         if step:
             axes.add_patch(_region(one))
         if len(found) <= 12:
@@ -63,9 +68,9 @@ def draw(found: Sequence[Foreseen], grid: Grid, road: Road, at: float, step: int
         figure,
         [
             (Line2D([], [], color=_PAST), "seen"),
-            (Line2D([], [], color=_GAME), "game, 90 % region"),
-            (Line2D([], [], color=_STRAIGHT, linestyle="--"), "straight on"),
-            (Line2D([], [], color="black", linestyle="", marker="."), "what happened"),
+            (Line2D([], [], color=_GAME, marker="o", markersize=5), "game, 90 % region"),
+            (Line2D([], [], color=_STRAIGHT, linestyle="--", marker="x"), "straight on"),
+            (Line2D([], [], color="black", marker="o", **_HOLLOW), "what happened"),
         ],
     )
     return figure
@@ -78,8 +83,7 @@ def _so_far(one: Foreseen, steps: int) -> Foreseen:
 
 
 def _region(one: Foreseen) -> Ellipse:
-    ahead = one.game[-1] - one.game[-2]
-    angle = float(np.rad2deg(np.arctan2(ahead[1], ahead[0])))
+    angle = float(np.rad2deg(locate(one.way, one.game[-1:]).heading[0]))
     return Ellipse(
         tuple(one.game[-1]),
         *(2 * one.half_widths[-1]),

@@ -169,3 +169,15 @@ def test_who_drives_away_is_not_followed():
     grid.states[:, 0, 3] = 14.0
     _, one = predict_cars(grid, ROAD, AT, AHEAD)
     assert one.game[-1, 0] > one.straight[-1, 0] + 1
+
+
+def test_regions_grow_with_time_and_with_what_changes():
+    grid = straight_on(0.0, 0.0)
+    _, same = predict_cars(grid, ROAD, AT, AHEAD)
+    grid.states[:, 1, 0] = 20 + 14 * grid.times
+    grid.states[:, 1, 3] = 14
+    _, slower = predict_cars(grid, ROAD, AT, AHEAD)
+    assert (np.diff(same.half_widths, axis=0) > 0).all() and (same.half_widths[0] == 0).all()
+    more = slower.half_widths - same.half_widths
+    assert more[-1, 0] == pytest.approx(0.6 * (slower.straight - slower.game)[-1, 0], rel=1e-3)
+    assert more[:, 1] == pytest.approx(0, abs=1e-9)
