@@ -4,6 +4,7 @@ import hashlib
 import json
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
+from contextlib import suppress
 from datetime import date
 from pathlib import Path
 
@@ -16,7 +17,7 @@ from olne_bench.bench.people.cases import AHEAD, SEEN, Case, Source, cases_in, s
 from olne_bench.bench.people.study import rows_of, second_half, shown, summary
 from olne_bench.bench.text import one_line
 from olne_bench.errors import UserError
-from olne_bench.files import check_folder
+from olne_bench.files import check_folder, make_folder, whole_file
 
 _OPENED, _ROWS, _SUMMARY, _PICTURE = "opened.json", "predictions.parquet", "summary.csv", "people"
 _SUFFIXES = {"commonroad": ".xml", "sumo": ".xml"}
@@ -25,21 +26,27 @@ _SUFFIXES = {"commonroad": ".xml", "sumo": ".xml"}
 def people(data: Path, format_name: str, out: Path, second: bool, weights: bool, jobs: int) -> None:
     """Predict the drivers in DATA's recordings, and write errors, a table and a figure."""
     check_folder(out, (_ROWS, _SUMMARY, _OPENED, f"{_PICTURE}.png"))
+    record = out / _OPENED
     found = [*_sources(data, format_name)]
     pieces = {one.piece: one.road for one in found}
     held_out = second_half(pieces)
     digest = _digest([one.path for one in found if one.piece in held_out])
-    record = _not_opened(out, digest) if second else out / _OPENED
+    if second:
+        _refuse_opened(record, digest)
     wanted = [one for one in found if second or one.piece not in held_out]
+    make_folder(out)
     cases = [*_cases(wanted, weights, jobs)]
     if not cases:
+        with suppress(OSError):  # it was there before
+            out.rmdir()
         raise UserError(
             f"{data}: no car in a lane has a leader and is seen for {SEEN + AHEAD:g} s, of which "
             f"the last {AHEAD:g} s would be predicted"
         )
-    out.mkdir(parents=True, exist_ok=True)
     if second:  # whatever comes of it
-        record.write_text(json.dumps({**_before(record), digest: [str(date.today()), __version__]}))
+        opened = {**_before(record), digest: [str(date.today()), __version__]}
+        with whole_file(record) as path:
+            path.write_text(json.dumps(opened, indent=1))
     _write(rows_of(cases, held_out), out)
     if not second and held_out:
         click.echo(f"{len(held_out)} pieces of recording are not opened; --open does so once")
@@ -70,15 +77,13 @@ def _before(record: Path) -> dict[str, list[str]]:
     return dict(json.loads(record.read_text())) if record.exists() else {}
 
 
-def _not_opened(out: Path, digest: str) -> Path:
-    record = out / _OPENED
+def _refuse_opened(record: Path, digest: str) -> None:
     opened = _before(record).get(digest)
     if opened is not None:
         raise UserError(
             f"{record}: the second half of these recordings was opened on {opened[0]} (version "
             f"{opened[1]}); what is changed since then needs other recordings"
         )
-    return record
 
 
 def _cases(found: Sequence[Source], weights: bool, jobs: int) -> Iterator[Case]:
@@ -95,12 +100,14 @@ def _write(rows: pd.DataFrame, out: Path) -> None:
     from olne_bench.bench.report.figures import style
     from olne_bench.bench.report.figures.people_errors import errors_over_time
 
-    rows.round(3).to_parquet(out / _ROWS, index=False, compression="zstd")
+    with whole_file(out / _ROWS) as path:
+        rows.round(3).to_parquet(path, index=False, compression="zstd")
     table = summary(rows)
     if table.empty:
         click.echo(f"{rows['piece'].nunique()} pieces of recording are too few for a summary")
         return
-    table.round(3).to_csv(out / _SUMMARY, index=False)
+    with whole_file(out / _SUMMARY) as path:
+        table.round(3).to_csv(path, index=False)
     with style.applied():
         style.save(errors_over_time(table), out / _PICTURE, ["png"])
     named = table.assign(road=table["road"].map(one_line))

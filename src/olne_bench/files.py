@@ -53,6 +53,14 @@ def check_folder(folder: Path, marks: tuple[str, ...], left: tuple[str, ...] = (
         )
 
 
+def make_folder(folder: Path) -> None:
+    """Make a folder, unless it is there; refuse one that cannot be written to."""
+    with _told(f"cannot write to {folder}"):
+        folder.mkdir(parents=True, exist_ok=True)
+        with TemporaryDirectory(dir=folder, prefix=".unfinished-"):
+            pass
+
+
 @contextmanager
 def whole_file(path: Path, *, new: bool = False) -> Iterator[Path]:
     """A temporary path to write to; when it is complete, it replaces the file at ``path``.

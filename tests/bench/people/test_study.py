@@ -6,8 +6,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.commands.cli import main
 from olne_bench.bench.people.study import rows_of, second_half, shown, summary
+from tests.bench.commands.test_people_commands import fails, run
 from tests.bench.people.test_rivals import CASES, case
 
 
@@ -48,17 +48,6 @@ def test_the_second_half_does_not_change_what_is_fitted():
     assert np.isin(kept.round(9), whole["along"].round(9)).all() and len(of) == len(kept)
 
 
-def run(*arguments):
-    main([str(argument) for argument in arguments])
-
-
-def fails(capsys, *arguments):
-    with pytest.raises(SystemExit) as caught:
-        run(*arguments)
-    assert caught.value.code == 2
-    return capsys.readouterr().err.strip().splitlines()[-1]
-
-
 def test_a_half_is_opened_once(data, tmp_path, capsys):
     out = tmp_path / "out"
     given = ("people", data, "--format", "csv", "--jobs", 1, "--out", out)
@@ -90,6 +79,11 @@ def test_bad_input_is_one_line_and_writes_nothing(data, tmp_path, capsys):
         capsys, "people", tmp_path / "no", "--out", out
     )
     given = ("people", data, "--format", "csv", "--jobs", 1, "--out", out)
+    (tmp_path / "file").write_text("")
+    wrong = (*given[:-1], tmp_path / "file" / "out")
+    assert "cannot write to" in fails(capsys, *wrong)
+    (empty / "notes.txt").write_text("mine")
+    assert "'notes.txt' is one of 1" in fails(capsys, *given[:-1], empty)
     for path in data.glob("*.csv"):
         table = pd.read_csv(path)
         table[table["time"] < 5].to_csv(path, index=False)
