@@ -190,8 +190,8 @@ def traffic() -> pd.DataFrame:
     table["crashes"] = [f"{middle:.1f} [{low:.1f}, {high:.1f}]" for middle, low, high in crashes]
     names = ["crashes", "spawned", "near", "changes", "standing", "speed"]
     shown = table[names].map(lambda value: value if isinstance(value, str) else f"{value:.3g}")
-    own, other = (shown.xs(kind, level="kind") for kind in ("Nash", "IDM"))
-    return own + " / " + other.loc[own.index]
+    pair = {kind: pd.DataFrame(shown.xs(kind, level="kind")) for kind in ("Nash", "IDM")}
+    return pair["Nash"] + " / " + pair["IDM"].loc[pair["Nash"].index]
 
 
 def people() -> pd.DataFrame:
