@@ -43,11 +43,12 @@ def people(data: Path, format_name: str, out: Path, second: bool, weights: bool,
             f"{data}: no car in a lane has a leader and is seen for {SEEN + AHEAD:g} s, of which "
             f"the last {AHEAD:g} s would be predicted"
         )
-    if second:  # whatever comes of it
+    rows = rows_of(cases, held_out)
+    if second:  # before anybody sees it
         opened = {**_before(record), digest: [str(date.today()), __version__]}
         with whole_file(record) as path:
             path.write_text(json.dumps(opened, indent=1))
-    _write(rows_of(cases, held_out), out)
+    _write(rows, out)
     if not second and held_out:
         click.echo(f"{len(held_out)} pieces of recording are not opened; --open does so once")
 

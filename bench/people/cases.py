@@ -1,8 +1,8 @@
 """Recorded drivers at the moments at which they are predicted.
 
 Each car counts once, at the first moment at which it has been seen for ``SEEN``, has a leader and
-is seen for ``AHEAD`` more. Files that share motion are one piece. All that a case holds but
-``happened`` is known at its moment.
+is seen for ``AHEAD`` more. Files that share motion are one piece. All that a case holds is known at
+its moment, but for ``happened`` and what ``intent`` and ``leader known`` predict.
 """
 
 import time

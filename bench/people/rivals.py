@@ -15,7 +15,8 @@ from olne_bench.games.model.weight_prior import FLAT, WeightPrior
 CAR_LENGTH = 4.5  # [m]
 #: Penalties of linear and kernel regression, and the length of the kernel in standard deviations.
 _RIDGE, _KERNEL, _LENGTH = 1.0, 1.0, 3.0
-_FARTHEST, _MISSING = 80.0, 2  # [m] of a gap that counts; leaders whose speeds are inputs
+_FARTHEST = 80.0  # [m] of a gap that counts
+_INPUTS = 8  # of regressions
 #: Cars of a road from which its own spread is known.
 _ENOUGH = 30
 _FINEST = 0.01  # [m] of a spread
@@ -57,7 +58,10 @@ def shares_of(case: Case, prior: WeightPrior) -> np.ndarray:
 
 
 def fitted_to(others: Sequence[Case]) -> Rivals:
-    """Fit to other cars; spreads are those of each half of their pieces by the other half."""
+    """Fit to other cars; spreads are those of each half of their pieces by the other half.
+
+    A single piece has no other half, so its spreads are a little small.
+    """
     pieces = sorted({case.piece for case in others})
     halves = [[c for c in others if pieces.index(c.piece) % 2 == k] for k in (0, 1)]
     errors: dict[tuple[str, str], list[np.ndarray]] = {}
@@ -145,7 +149,7 @@ def _ridge_of(others: Sequence[Case]) -> Along:
         inputs, beyond = _beyond(others, at)
         count = inputs.shape[1]
         normal = inputs.T @ inputs + _RIDGE * np.eye(count)
-        lines.append(np.linalg.solve(normal, inputs.T @ beyond) if count else np.zeros(8))
+        lines.append(np.linalg.solve(normal, inputs.T @ beyond) if count else np.zeros(_INPUTS))
 
     def along(case: Case) -> np.ndarray:
         more = [float(_inputs(case) @ line) for line in lines[: len(case.happened)]]
@@ -159,7 +163,7 @@ def _kernel_of(others: Sequence[Case]) -> Along:
     fits = []
     for at in range(len(HORIZONS)):
         inputs, beyond = _beyond(others, at)
-        spread = inputs.std(axis=0) + 1e-9 if len(inputs) else np.ones(8)
+        spread = inputs.std(axis=0) + 1e-9 if len(inputs) else np.ones(_INPUTS)
         known = inputs.reshape(-1, len(spread)) / spread / _LENGTH
         gram = np.exp(-cdist(known, known, "sqeuclidean")) + _KERNEL * np.eye(len(known))
         fits.append((known, spread, np.linalg.solve(gram, beyond)))

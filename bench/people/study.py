@@ -13,6 +13,7 @@ import pandas as pd
 
 from olne_bench.bench.people.cases import AHEAD, HORIZONS, KINDS, Case
 from olne_bench.bench.people.rivals import Rivals, fitted_to, shares_of
+from olne_bench.errors import UserError
 
 METHODS = (
     *("straight", "controls", "game", "alone", "own weights", "population", "intent"),
@@ -35,16 +36,24 @@ def second_half(pieces: dict[str, str]) -> set[str]:
 
 
 def rows_of(cases: Sequence[Case], second: set[str]) -> pd.DataFrame:
-    """A row for each case, horizon and method; cases of the second half may be missing."""
+    """A row for each case, horizon and method; cases of the second half may be missing.
+
+    Raises UserError if the first half has fewer than two pieces, so that nothing can be fitted.
+    """
     first = [case for case in cases if case.piece not in second]
     order = sorted({case.piece for case in first})
+    if len(order) < 2:
+        raise UserError(
+            "what predicts one piece of recording is fitted to others: expected at least two to "
+            f"develop on, got {len(order)}"
+        )
     turns = [[case for case in first if order.index(case.piece) % 2 == k] for k in (0, 1)]
     parts = [(turns[0], turns[1]), (turns[1], turns[0])]
     parts.append(([case for case in cases if case.piece in second], first))
     rows: list[dict[str, object]] = []
     for own, others in parts:
         if own:
-            rivals = fitted_to(others or own)
+            rivals = fitted_to(others)
             half = FIRST if own[0] in first else SECOND
             rows += [row | {"half": half} for case in own for row in _rows(case, rivals)]
     return pd.DataFrame(rows)

@@ -84,6 +84,12 @@ def test_bad_input_is_one_line_and_writes_nothing(data, tmp_path, capsys):
     assert "cannot write to" in fails(capsys, *wrong)
     (empty / "notes.txt").write_text("mine")
     assert "'notes.txt' is one of 1" in fails(capsys, *given[:-1], empty)
+    one = tmp_path / "one"
+    one.mkdir()
+    for path in data.glob("A_Lane-0_1.*"):
+        (one / path.name).write_bytes(path.read_bytes())
+    assert "expected at least two to develop on, got 1" in fails(capsys, "people", one, *given[2:])
+    out.rmdir()
     for path in data.glob("*.csv"):
         table = pd.read_csv(path)
         table[table["time"] < 5].to_csv(path, index=False)
