@@ -179,8 +179,7 @@ def online() -> pd.DataFrame:
     """Median errors of predictions 3 s ahead while samples come in, by road."""
     table = _csv("online", "summary").rename(columns={"scenario": "road"})
     wide = _pivot(table, _cells(table, "fde_3s[]"), "road")
-    names = ["map", "kkt_constrained", "uniform", "true_weights"]
-    return wide[[*names, "constant_velocity", "stock", "stock_fitted"]]
+    return wide[["map", "uniform", "true_weights", "constant_velocity", "stock_fitted"]]
 
 
 def traffic() -> pd.DataFrame:
@@ -188,7 +187,7 @@ def traffic() -> pd.DataFrame:
     table = _csv("traffic", "rates").set_index(["road", "kind"])
     crashes = table[["crashes", "low", "high"]].itertuples(index=False)
     table["crashes"] = [f"{middle:.1f} [{low:.1f}, {high:.1f}]" for middle, low, high in crashes]
-    names = ["crashes", "spawned", "near", "changes", "standing", "speed"]
+    names = ["crashes", "near", "changes", "speed"]
     shown = table[names].map(lambda value: value if isinstance(value, str) else f"{value:.3g}")
     pair = {kind: pd.DataFrame(shown.xs(kind, level="kind")) for kind in ("Nash", "IDM")}
     return pair["Nash"] + " / " + pair["IDM"].loc[pair["Nash"].index]
@@ -197,7 +196,8 @@ def traffic() -> pd.DataFrame:
 def people() -> pd.DataFrame:
     """Errors along the lane over those of driving straight on, by road, half and kind of moment."""
     table = _csv("people", "summary").query("ahead == 3 and kind in ('all', 'wave')")
-    table = table[(table["method"] != "straight") & (table["pieces"] > 3)]
+    methods = ("game", "alone", "own weights", "idm", "kernel")
+    table = table[table["method"].isin(methods) & (table["pieces"] > 3)]
     table = table[
         (table["half"] == "both") | ((table["half"] == "second") & (table["kind"] == "all"))
     ]

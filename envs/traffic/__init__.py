@@ -12,10 +12,12 @@ The ego, and any other vehicle that does not plan, is predicted to keep its lane
 is unknown, and who relied on its cooperation would collide with an ego that does not cooperate.
 Nash vehicles of another group are predicted to follow their previous plans.
 
-A vehicle without a new plan follows the rest of its previous one. If that is used up, or if its
-equilibrium collides with something, as some do, it drives by the Intelligent Driver Model until the
-next attempt, and stops before a car that crosses. Of two that would hit each other, one gives way:
-who has the other more ahead. ``traffic_report`` counts the cases.
+A group without an equilibrium plans apart: each answers what the others are expected to do. A
+vehicle without a new plan follows the rest of its previous one. If that is used up, or if its plan
+collides with something, as some do, it drives by the Intelligent Driver Model until the next
+attempt, and stops before a car that crosses. Of two that would hit each other, one gives way: who
+has the other more ahead. Whatever its plan, a vehicle brakes for the one ahead once that has to be
+hard. ``traffic_report`` counts the cases.
 """
 
 from typing import Any

@@ -36,7 +36,7 @@ class NashVehicle(PlanningVehicle):
             self.action["acceleration"] = max(acceleration, hardest_braking)
             return
         steering, acceleration = self.plan.controls[0].tolist()
-        acceleration = max(acceleration, hardest_braking)
+        acceleration = max(min(acceleration, self.due_braking()), hardest_braking)
         limit = self.MAX_STEERING_ANGLE
         Vehicle.act(
             self,

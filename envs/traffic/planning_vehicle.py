@@ -2,15 +2,19 @@
 
 from dataclasses import dataclass
 from functools import cached_property
-from math import cos, sin
+from math import cos, hypot, sin
 from typing import Any, ClassVar
 
 import numpy as np
 from highway_env.vehicle.behavior import IDMVehicle
+from highway_env.vehicle.kinematics import Vehicle
 from highway_env.vehicle.objects import RoadObject
 
 PLAN_STEP = 0.4  # [s] between plans, and the step of the games
 STEPS = 10  # steps per plan
+#: Braking [m/s^2] from which on a car brakes for the one ahead, whatever its plan; and the room [m]
+#: that is then left.
+_DUE, _LEFT = 2.5, 1.0
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,7 @@ class PlanningVehicle(IDMVehicle):
         self.temperament = temperament(self.TEMPERAMENT)
         self.plan: VehiclePlan | None = None
         self.plan_age = PLAN_STEP  # the first plan is due at once
+        self.ahead: Vehicle | None = None  # in its target lane, at the time of the plan
         self.room = np.inf  # [m] to the first contact of its last plan with a car that crosses
 
     def set_temperament(self, preset: str | Temperament) -> None:
@@ -104,6 +109,19 @@ class PlanningVehicle(IDMVehicle):
         self.follow_road()
         if self.enable_lane_change:
             self.change_lane_policy()
+        self.ahead, _ = self.road.neighbour_vehicles(self, self.target_lane_index)
+
+    def due_braking(self) -> float:
+        """Acceleration [m/s^2] that keeps it off a slower car ahead; infinite while mild."""
+        if self.ahead is None:
+            return np.inf
+        closing = self.speed - self.ahead.speed * cos(self.ahead.heading - self.heading)
+        if closing <= 0:
+            return np.inf
+        (x, y), (px, py) = self.ahead.position, self.position
+        room = hypot(x - px, y - py) - self.LENGTH - _LEFT
+        needed = closing**2 / (2 * max(room, 0.1))
+        return -needed if needed > _DUE else np.inf
 
     def adopt(self, plan: VehiclePlan | None, room: float = np.inf, age: float = 0.0) -> None:
         """Follow a plan from now on; None means the Intelligent Driver Model, within some room.

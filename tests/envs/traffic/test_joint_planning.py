@@ -1,5 +1,7 @@
 """Vehicles plan together in groups of neighbours, among predictions of the others."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from highway_env.road.road import Road, RoadNetwork
@@ -343,3 +345,34 @@ def test_a_shifted_plan_is_the_rest_and_a_step_of_coasting() -> None:
     np.testing.assert_array_equal(plan.states, states)
     coasted = rollout(bicycle(), states[None, -1], np.zeros((1, 1, 2)), PLAN_STEP)[-1, 0]
     np.testing.assert_allclose(once.states[-1], coasted, atol=1e-12)
+
+
+@pytest.mark.parametrize(("gap", "speed", "hard"), [(30.0, 10.0, False), (12.0, 10.0, True)])
+def test_a_plan_does_not_keep_a_car_from_braking_when_that_is_due(road, gap, speed, hard) -> None:
+    vehicle = NashVehicle(road, [100.0, 0.0], speed=20.0)
+    road.vehicles.append(vehicle)
+    road.vehicles.append(Vehicle(road, [100.0 + gap + Vehicle.LENGTH, 0.0], speed=speed))
+    vehicle.choose_lane()
+    vehicle.adopt(plan_from(100.0))  # goes on
+    vehicle.act()
+    needed = (20 - speed) ** 2 / (2 * (gap - 1))
+    assert vehicle.action["acceleration"] == pytest.approx(-min(needed, 6.0) if hard else 0.0)
+    road.vehicles[-1].speed = 25.0
+    vehicle.act()
+    assert vehicle.action["acceleration"] == 0
+
+
+def test_a_group_without_an_equilibrium_answers_one_by_one(road, monkeypatch) -> None:
+    cars = [planning(road, 100.0), planning(road, 130.0)]
+    solve, groups = joint_planning._solve, []
+
+    def without(situations, starts):
+        groups.append([len(one.references) for one in situations])
+        found = solve(situations, starts)
+        return [replace(one, converged=one.converged and one.states.shape[1] == 1) for one in found]
+
+    monkeypatch.setattr(joint_planning, "_solve", without)
+    joint_planning.plan_together(road)
+    assert groups == [[2], [1, 1]]
+    assert all(car.plan is not None for car in cars)
+    assert traffic_report(road).solved == 2
