@@ -6,8 +6,9 @@ more than it fits, the posterior of L = log sigma has its peak where
 
     (S1)  n - S exp(-2 L) + (L - log sigma_0) / tau^2 = 0,
 
-as the profile likelihood has sigma^2 = S / n. How much is fitted, and when a search for the best
-fit may end, depend on sigma, so both are repeated until it stays. All methods that have a
+as the profile likelihood has sigma^2 = S / n. How much is fitted depends on sigma, so this is
+repeated until it stays. The best fit itself does not, but its search ends early where noise
+explains what is left: it is repeated if a smaller sigma does not. All methods that have a
 likelihood then take the found level for the true one.
 """
 
@@ -21,7 +22,7 @@ import scipy
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.shared.forward_model import game_of_point, sample_sensitivity
 from olne_bench.estimators.shared.joint_problem import JointSettings, JointSolution
-from olne_bench.estimators.shared.joint_starts import joint_attempts, lowest
+from olne_bench.estimators.shared.joint_starts import joint_attempts, largest_explicable, lowest
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.simplex import theta_tangent
 
@@ -42,12 +43,13 @@ def with_found_noise(
     if not problem.sigma_spread:
         return problem
     found = replace(problem, sigma_spread=0.0)
+    fits = [_BestFit(one.y, deadline) for one in observations]
     for _ in range(_ROUNDS):
         squared, left = 0.0, 0.0
-        for one in observations:
-            fit = _best_fit(found, one.y, deadline)
-            squared += fit.objective
-            left += _left(found, one.y, fit)
+        for one, fit in zip(observations, fits, strict=True):
+            solution = fit.at(found)
+            squared += solution.objective
+            left += _left(found, one.y, solution)
         level = most_probable_level(problem.sigma, problem.sigma_spread, squared, left)
         moved = abs(np.log(level / found.sigma))
         found = replace(found, sigma=level)
@@ -86,9 +88,26 @@ def most_probable_level(median: float, spread: float, squared: float, left: floa
     return float(median * np.exp(scipy.optimize.brentq(slope, -reach, reach, xtol=1e-6)))
 
 
-def _best_fit(problem: Problem, y: np.ndarray, deadline: float) -> JointSolution:
-    settings = JointSettings(noise_scale=problem.noise_scale, weight_floor=problem.weight_floor)
-    return lowest(list(joint_attempts(problem, y, settings, deadline)))
+class _BestFit:
+    """What the joint method leaves of an observation (T, N, d), at one level after another."""
+
+    def __init__(self, y: np.ndarray, deadline: float) -> None:
+        self._y, self._deadline = y, deadline
+        self._found: JointSolution | None = None
+        self._explained = False  # which ends the search early
+
+    def at(self, problem: Problem) -> JointSolution:
+        """The best fit at a problem's noise level."""
+        if self._found is None or (self._explained and not self._explains(self._found, problem)):
+            scale, floor = problem.noise_scale, problem.weight_floor
+            settings = JointSettings(noise_scale=scale, weight_floor=floor)
+            attempts = joint_attempts(problem, self._y, settings, self._deadline)
+            self._found = lowest(list(attempts))
+            self._explained = self._explains(self._found, problem)
+        return self._found
+
+    def _explains(self, fit: JointSolution, problem: Problem) -> bool:
+        return fit.objective <= largest_explicable(problem, [self._y])
 
 
 def _left(problem: Problem, y: np.ndarray, fit: JointSolution) -> float:

@@ -7,6 +7,7 @@ import pytest
 
 import olne_bench as ob
 from olne_bench.estimators.protocol import Problem
+from olne_bench.estimators.shared import noise_level
 from olne_bench.estimators.shared.noise_level import most_probable_level, with_found_noise
 
 
@@ -36,6 +37,30 @@ def test_the_level_is_found(factor: float) -> None:
     assert found.sigma == pytest.approx(0.05, rel=0.15)
     assert not found.sigma_spread
     assert with_found_noise(problem, (one,), np.inf) is problem
+
+
+def test_a_search_is_repeated_only_where_a_smaller_level_no_longer_explains(monkeypatch) -> None:
+    problem, one = seen(0.05)
+    searches, attempts = [], noise_level.joint_attempts
+
+    def counted(asked, y, settings, deadline):
+        searches.append(asked.sigma)
+        return attempts(asked, y, settings, deadline)
+
+    monkeypatch.setattr(noise_level, "joint_attempts", counted)
+    for factor in (0.3, 3.0):
+        searches.clear()
+        found = with_found_noise(
+            replace(problem, sigma=0.05 * factor, sigma_spread=1.0), (one,), np.inf
+        )
+        assert len(searches) == 1 and found.sigma == pytest.approx(0.05, rel=0.15)
+    # A start that ended early, at what only the larger level explains: at the smaller it goes on.
+    searches.clear()
+    fit, wide = noise_level._BestFit(one.y, np.inf), replace(problem, sigma=5.0)
+    fit.at(wide)
+    fit.at(replace(problem, sigma=1e-4))
+    fit.at(wide)
+    assert searches == [5.0, 1e-4]
 
 
 @pytest.mark.parametrize("name", ["kkt_constrained", "map", "ridge", "bilevel", "ukf", "posterior"])
