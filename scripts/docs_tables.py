@@ -138,8 +138,8 @@ def claims() -> pd.DataFrame:
 
 
 def identified() -> pd.DataFrame:
-    """Suite ``calibration``: share of weights that are identified, and what is left, by noise."""
-    table = _csv("calibration", "identifiability_by_noise")
+    """Suite ``calibration``, full view: share of identified weights, and what is left, by noise."""
+    table = _csv("calibration", "identifiability_by_noise").query("sensor == 'full'")
     found = table.groupby(["scenario", "sensor", "sigma"])[["identified", "left"]].mean()
     found = found.map("{:.0%}".format).reset_index()
     return _by_level(found, _pairs(found, "{}, {}", "identified", "left"))
@@ -183,24 +183,21 @@ def online() -> pd.DataFrame:
 
 
 def traffic() -> pd.DataFrame:
-    """Rates per vehicle-hour of Nash traffic and, after a slash, IDM's; speed [m/s]."""
+    """Rates per vehicle-hour of Nash traffic and, after a slash, IDM's."""
     table = _csv("traffic", "rates").set_index(["road", "kind"])
     crashes = table[["crashes", "low", "high"]].itertuples(index=False)
     table["crashes"] = [f"{middle:.1f} [{low:.1f}, {high:.1f}]" for middle, low, high in crashes]
-    names = ["crashes", "near", "changes", "speed"]
+    names = ["crashes", "near"]
     shown = table[names].map(lambda value: value if isinstance(value, str) else f"{value:.3g}")
     pair = {kind: pd.DataFrame(shown.xs(kind, level="kind")) for kind in ("Nash", "IDM")}
     return pair["Nash"] + " / " + pair["IDM"].loc[pair["Nash"].index]
 
 
 def people() -> pd.DataFrame:
-    """Errors along the lane over those of driving straight on, by road, half and kind of moment."""
-    table = _csv("people", "summary").query("ahead == 3 and kind in ('all', 'wave')")
+    """Errors along the lane over those of driving straight on, by road and half."""
+    table = _csv("people", "summary").query("ahead == 3 and kind == 'all'")
     methods = ("game", "alone", "own weights", "idm", "kernel")
-    table = table[table["method"].isin(methods) & (table["pieces"] > 3)]
-    table = table[
-        (table["half"] == "both") | ((table["half"] == "second") & (table["kind"] == "all"))
-    ]
+    table = table[table["method"].isin(methods) & table["half"].isin(["both", "second"])]
     ends = table["over_straight_low"], table["over_straight_high"]
     cells = [
         f"{middle:.2f} [{low:.2f}, {high:.2f}]"
@@ -208,7 +205,7 @@ def people() -> pd.DataFrame:
     ]
     half = table["half"].map({"both": "", "second": " of the second half"})
     count = table["cars"].astype(str) + " cars" + half
-    table = table.assign(place=table["road"] + ", " + table["kind"] + ", " + count)
+    table = table.assign(place=table["road"] + ", " + count)
     return _pivot(table, cells, "place", "method")
 
 
