@@ -15,7 +15,13 @@ from threadpoolctl import ThreadpoolController
 
 from olne_bench.envs.roads.footprint import gap
 from olne_bench.envs.traffic.lanes_ahead import curve_speeds, points_along_lanes, pursuit_controls
-from olne_bench.envs.traffic.planning_vehicle import PLAN_STEP, STEPS, PlanningVehicle, VehiclePlan
+from olne_bench.envs.traffic.planning_vehicle import (
+    ALIKE,
+    PLAN_STEP,
+    STEPS,
+    PlanningVehicle,
+    VehiclePlan,
+)
 from olne_bench.games.solve.reference_game import FAR_AWAY, Plan, ReferenceGame, Situation
 
 MAX_PLAYERS = 5  # in one game
@@ -26,7 +32,6 @@ MAX_SHIFTS = 3  # plan steps for which an old plan may be used
 BETWEEN = 3  # number of points between two plan steps at which contact is checked
 _STANDS = 0.1  # [m] in a plan step: the direction of what moves less is not known
 _CROSSES = 0.3  # sine of the angle from which on a car crosses
-_ALIKE = 0.8  # cosine of the angle between two cars in one direction
 _ROOM = 0.3  # [m] that is kept to one that does
 #: Steering [rad] and acceleration [m/s^2]: a Newton step within these is the last one.
 SMALL_CHANGE = (2e-3, 0.1)
@@ -111,7 +116,7 @@ def _behind(members: Sequence[Vehicle], around: Sequence[RoadObject]) -> np.ndar
     places = np.array([member.position for member in members])[:, None]
     x, y = np.moveaxis(np.array([other.position for other in around]) - places, -1, 0)
     cos, sin = np.cos(headings), np.sin(headings)
-    alike = np.cos(np.array([other.heading for other in around]) - headings) > _ALIKE
+    alike = np.cos(np.array([other.heading for other in around]) - headings) > ALIKE
     behind = x * cos + y * sin < -Vehicle.LENGTH / 2
     return np.asarray(alike & behind & (np.abs(y * cos - x * sin) < Vehicle.WIDTH))
 

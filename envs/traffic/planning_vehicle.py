@@ -12,6 +12,8 @@ from highway_env.vehicle.objects import RoadObject
 
 PLAN_STEP = 0.4  # [s] between plans, and the step of the games
 STEPS = 10  # steps per plan
+#: Cosine of the angle between two cars that drive in one direction, at least.
+ALIKE = 0.8
 #: Braking [m/s^2] from which on a car brakes for the one ahead, whatever its plan; and the room [m]
 #: that is then left.
 _DUE, _LEFT = 2.5, 1.0
@@ -113,9 +115,10 @@ class PlanningVehicle(IDMVehicle):
 
     def due_braking(self) -> float:
         """Acceleration [m/s^2] that keeps it off a slower car ahead; infinite while mild."""
-        if self.ahead is None:
+        alike = 0.0 if self.ahead is None else cos(self.ahead.heading - self.heading)
+        if self.ahead is None or alike < ALIKE:  # IDM and the plan see who crosses
             return np.inf
-        closing = self.speed - self.ahead.speed * cos(self.ahead.heading - self.heading)
+        closing = self.speed - self.ahead.speed * alike
         if closing <= 0:
             return np.inf
         (x, y), (px, py) = self.ahead.position, self.position
