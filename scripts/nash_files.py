@@ -1,6 +1,6 @@
 """Write CommonRoad files of cars that play the game ``following``, for ``olne-bench people``.
 
-    python scripts/nash_files.py FOLDER [--draws 60]
+    python scripts/nash_files.py FOLDER [--draws 30]
     olne-bench people FOLDER --weights --open --out OUT
 
 Each file has five cars in one lane, whose weights are uniform on the simplex and who want the speed
@@ -32,7 +32,7 @@ ERROR = 0.02  # [m]
 LANE = LaneEntry(points=[(-300.0, 0.0), (600.0, 0.0)])
 
 
-def main(folder: Path, draws: int = 60) -> None:
+def main(folder: Path, draws: int = 30) -> None:
     """Write as many files."""
     folder.mkdir(parents=True, exist_ok=True)
     written = 0
