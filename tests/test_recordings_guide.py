@@ -62,9 +62,10 @@ def test_every_command_does_what_the_page_says(
     (shown,) = blocks("")
     printed = said["olne-bench estimate tracks.parquet --out weights.csv"].out
     assert_same_but_for_dots(shown, printed)
-    assert "warning: targets guessed from the data (source 'data'): lanes, speed" in (
-        said["olne-bench estimate guessed.parquet --scenario two_way"].err
-    )
+    guessed = said["olne-bench estimate guessed.parquet --scenario two_way"]
+    assert "warning: targets guessed from the data (source 'data'): lanes;" in guessed.err
+    assert "median speed, then estimated" in guessed.out
+    assert "targets that were estimated:" in guessed.out
     known: dict[str, object] = {}
     exec(blocks("python")[0], known)
     assert np.shape(known["states"]) == (20, 3, 4) and np.shape(known["weights"]) == (3, 4)
