@@ -179,7 +179,7 @@ def online() -> pd.DataFrame:
     """Median errors of predictions 3 s ahead while samples come in, by road."""
     table = _csv("online", "summary").rename(columns={"scenario": "road"})
     wide = _pivot(table, _cells(table, "fde_3s[]"), "road")
-    return wide[["map", "uniform", "true_weights", "constant_velocity", "stock_fitted"]]
+    return wide[["map", "true_weights", "constant_velocity", "stock_fitted"]]
 
 
 def traffic() -> pd.DataFrame:
@@ -216,8 +216,8 @@ def encounters() -> pd.DataFrame:
     table[regret.columns] = regret.where(regret.abs() > 1e-9, 0.0)
     hits = table["collisions"].astype(str) + " of " + table["drives"].astype(str)
     cells = [f"{own}, {hit}" for own, hit in zip(_cells(table, "regret[.2f]"), hits, strict=True)]
-    shown = _pivot(table, cells, "planner", "quarter")[["1", "4"]].drop(index=["ppo", "stock"])
-    return shown.set_axis(["Quarter 1, least value", "Quarter 4, most value"], axis=1)
+    shown = _pivot(table, cells, "planner", "quarter")[["4"]].drop(index=["ppo", "stock"])
+    return shown.set_axis(["Quarter 4, most value"], axis=1)
 
 
 TABLES: dict[str, Callable[[], pd.DataFrame]] = {

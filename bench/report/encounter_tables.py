@@ -58,14 +58,16 @@ def quarter_table(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def contrast_table(rows: pd.DataFrame, contrasts: Sequence[tuple[str, str]]) -> pd.DataFrame:
-    """Paired tests of the contrasts, and of no others, in each quarter and over all.
+    """Paired tests of the contrasts, and of no others, over all and in each quarter by value.
 
     Columns: ``column``, what is compared; ``quarter, planner, other, pairs``; ``difference``, the
     mean of the planner less the other; ``p`` of a paired permutation test, exact for collisions and
     for few pairs; ``p_holm``, adjusted after Holm for all lines.
     """
     lines = []
-    for quarter, part in _parts(by_quarter(rows)):
+    valued = by_quarter(rows)
+    whole = attempts_of(rows).assign(where=lambda table: table["road"])
+    for quarter, part in _parts(valued) or [(_ALL, whole)]:
         planners = dict(list(part.groupby("planner", sort=False)))
         for planner, other in contrasts:
             for column in _TESTED if planner in planners and other in planners else ():

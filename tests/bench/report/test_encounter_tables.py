@@ -59,10 +59,13 @@ def test_contrasts_are_tested_and_nothing_else() -> None:
     assert contrast_table(made_up(), [("map", "nobody")]).empty
 
 
-def test_drives_without_a_value_are_left_out() -> None:
+def test_drives_without_a_value_have_no_quarters() -> None:
     rows = made_up().assign(value=np.nan)
     assert quarter_table(rows).empty
-    assert contrast_table(rows, CONTRASTS).empty
+    table, valued = (contrast_table(one, CONTRASTS) for one in (rows, made_up()))
+    assert set(table["quarter"]) == {"all"}
+    columns = ["column", "planner", "other", "pairs", "difference", "p"]
+    pd.testing.assert_frame_equal(table[columns], valued[valued["quarter"] == "all"][columns])
 
 
 def test_the_figure_shows_each_planner_in_each_quarter() -> None:
