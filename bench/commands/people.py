@@ -15,6 +15,7 @@ from tqdm import tqdm
 from olne_bench import __version__
 from olne_bench.bench.people.cases import AHEAD, SEEN, Case, Source, cases_in, sources
 from olne_bench.bench.people.study import rows_of, second_half, shown, summary
+from olne_bench.bench.report.escapes import write_csv
 from olne_bench.bench.text import one_line
 from olne_bench.errors import UserError
 from olne_bench.files import check_folder, make_folder, whole_file
@@ -107,8 +108,7 @@ def _write(rows: pd.DataFrame, out: Path) -> None:
     if table.empty:
         click.echo(f"{rows['piece'].nunique()} pieces of recording are too few for a summary")
         return
-    with whole_file(out / _SUMMARY) as path:
-        table.round(3).to_csv(path, index=False)
+    write_csv(table.round(3), out / _SUMMARY)
     with style.applied():
         style.save(errors_over_time(table), out / _PICTURE, ["png"])
     named = table.assign(road=table["road"].map(one_line))

@@ -3,6 +3,8 @@
 import pandas as pd
 from matplotlib.figure import Figure
 
+from olne_bench.bench.report.figures import style
+
 _SHOWN = ("game", "own weights", "population", "alone", "idm", "ridge", "kernel")
 _PANELS = 2
 
@@ -26,7 +28,8 @@ def errors_over_time(table: pd.DataFrame) -> Figure:
             at = line["ahead"] + 0.06 * (k - len(methods) / 2)
             axes.errorbar(at, middle, ends, label=method, marker="o", markersize=4, capsize=2)
         axes.axhline(1, color="black", linewidth=1)
-        axes.set(title=f"{road}: {own['cars'].max()} cars", xlabel="seconds ahead")
+        place = f"{style.printable(str(road))}: {own['cars'].max()} cars"
+        axes.set(title=place, xlabel="seconds ahead")
     panels[0].set_ylabel("error along the lane / straight on")
     panels[0].legend(fontsize="small")
     return figure

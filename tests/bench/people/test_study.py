@@ -71,6 +71,14 @@ def test_a_half_is_opened_once(data, tmp_path, capsys):
     assert len(json.loads((out / "opened.json").read_text())) == 2
 
 
+def test_names_of_files_are_no_formulas(data, tmp_path):
+    for path in sorted(data.iterdir()):
+        path.rename(data / path.name.replace("_Lane-", "_=1+1-"))
+    out = tmp_path / "out"
+    run("people", data, "--format", "csv", "--jobs", 1, "--out", out)
+    assert set(pd.read_csv(out / "summary.csv")["road"]) == {"'=1+1"}
+
+
 def test_bad_input_is_one_line_and_writes_nothing(data, tmp_path, capsys):
     out, empty = tmp_path / "out", tmp_path / "empty"
     empty.mkdir()
