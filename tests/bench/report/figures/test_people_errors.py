@@ -4,7 +4,6 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.figures.people_errors import errors_over_time
 
 
