@@ -20,7 +20,7 @@ def test_each_road_has_a_line_for_each_method_with_its_interval():
     figure = errors_over_time(pd.DataFrame(rows))
     assert [axes.get_title() for axes in figure.axes] == [
         "A: 40 cars",
-        style.printable("$B") + ": 30 cars",
+        "$B: 30 cars",
     ]
     game, idm = figure.axes[0].containers
     assert (game.get_label(), idm.get_label()) == ("game", "idm")
