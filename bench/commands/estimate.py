@@ -33,7 +33,7 @@ from olne_bench.plugins import ESTIMATOR, SCENARIO, is_built_in, loading, named_
 
 #: Least noise level of positions [m]: smaller deviations are rounding.
 LEAST_NOISE = 1e-6
-FREE, FIXED = "estimated", "fixed"  # guesses of targets
+FREE = "estimated"  # of --targets: guesses are
 TOLD = "--noise"  # source of a noise level that the user gave
 NOISE_SPREAD = 1.5  # of log sigma around the roughness of tracks, which smoothing takes away
 MOST_STEPS = 400  # longer games are not solved within minutes
@@ -131,7 +131,7 @@ def _say_assumptions(scenario: str, dt: float, assumptions: Sequence[Assumption]
     names = ["player", "target", "value", "source", "how"]
     shown = pd.DataFrame(rows, columns=names).map(one_line)
     click.echo(shown.to_string(index=False, justify="left"))
-    guessed = sorted({a.what for a in assumptions if a.source == DATA and "±" not in a.value})
+    guessed = sorted({a.what for a in assumptions if a.source == DATA and not a.is_free})
     if guessed:
         click.echo(
             f"warning: targets guessed from the data (source 'data'): {', '.join(guessed)}; the "

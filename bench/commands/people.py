@@ -28,7 +28,7 @@ def people(data: Path, format_name: str, out: Path, second: bool, weights: bool,
     """Predict the drivers in DATA's recordings, and write errors, a table and a figure."""
     check_folder(out, (_ROWS, _SUMMARY, _OPENED, f"{_PICTURE}.png"))
     record = out / _OPENED
-    found = [*_sources(data, format_name)]
+    found = _sources(data, format_name)
     pieces = {one.piece: one.road for one in found}
     held_out = second_half(pieces)
     digest = _digest([one.path for one in found if one.piece in held_out])
@@ -54,7 +54,7 @@ def people(data: Path, format_name: str, out: Path, second: bool, weights: bool,
         click.echo(f"{len(held_out)} pieces of recording are not opened; --open does so once")
 
 
-def _sources(data: Path, format_name: str) -> Iterator[Source]:
+def _sources(data: Path, format_name: str) -> list[Source]:
     """Recordings with lanes."""
     suffix = _SUFFIXES.get(format_name, ".csv")
     paths = sorted([*data.glob(f"*{suffix}"), *data.glob("*.parquet")]) if data.is_dir() else []
@@ -63,7 +63,7 @@ def _sources(data: Path, format_name: str) -> Iterator[Source]:
     found = [*sources(tqdm(paths, unit="file", desc="reading"), format_name)]
     if not found:
         raise UserError(f"{data}: no recording has lanes, along which to predict")
-    yield from found
+    return found
 
 
 def _digest(paths: Sequence[Path]) -> str:

@@ -131,12 +131,12 @@ def _case(grid: Grid, road: Road, name: str, source: Source, weights: bool) -> C
     if not one.leaders or not np.isfinite(one.recorded).all():
         return None
     case = _known(one, past.states, source)
-    (leader,) = predict_cars(grid, road, at, seconds, players=[one.leaders[0]])
+    (leader,) = predict_cars(grid, road, at, seconds, players=[one.leaders[0]], most=1)
     led = places(one.way, leader.recorded)
     known = respond(one.drivers, led) if np.isfinite(led).all() else None
     case.predicted["leader known"] = _since(one.drivers, one.times, known)
     if weights:
-        _weigh(case, one.drivers, past)
+        _weigh(case, one, past)
     return case
 
 
@@ -223,9 +223,8 @@ def _kind(speeds: np.ndarray, beside: np.ndarray, step: float) -> str:
     return DRIFTING if abs(now) > _BESIDE and np.sign(now) * (now - before) > _DRIFT else CALM
 
 
-def _weigh(case: Case, drivers: Sequence[Driver], past: _Past) -> None:
+def _weigh(case: Case, one: Foreseen, past: _Past) -> None:
     """Add what weights of its own, found in what was seen, predict."""
-    times = STEP * np.arange(round(HORIZONS[len(case.happened) - 1] / STEP) + 1)
     problem = Problem(
         past.game, FullView(), _SIGMA, noise_scale=NOISE_SCALE, sigma_spread=_SIGMA_SPREAD
     )
@@ -235,7 +234,7 @@ def _weigh(case: Case, drivers: Sequence[Driver], past: _Past) -> None:
     case.seconds = time.perf_counter() - begun
     case.answered = case.answered and found.converged
     theta = found.weights if found.converged else np.full(4, 0.25)
-    case.predicted["own weights"] = _played(drivers, times, theta)
+    case.predicted["own weights"] = _played(one.drivers, one.times, theta)
     if found.states is not None:
         off = (found.states - past.states)[:, 0, :2]
         case.residual = float(np.sqrt(np.nanmean(off**2)))
@@ -243,4 +242,5 @@ def _weigh(case: Case, drivers: Sequence[Driver], past: _Past) -> None:
     if drawn.converged and drawn.samples is not None:
         every = max(1, len(drawn.samples) // _SAMPLES)
         case.samples = np.asarray(drawn.samples[::every])
-        case.sampled = np.stack([_played(drivers, times, one) for one in case.samples])
+        played = [_played(one.drivers, one.times, theta) for theta in case.samples]
+        case.sampled = np.stack(played)

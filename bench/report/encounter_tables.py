@@ -35,8 +35,12 @@ def by_quarter(rows: pd.DataFrame) -> pd.DataFrame:
     ranks = draws.groupby(_FAMILY)["value"].rank(method="first", pct=True)
     quarter = np.ceil(QUARTERS * ranks).astype(int)
     named = draws[[*_FAMILY, "seed"]].assign(quarter=quarter)
-    # Statistics pair the drives of a place, whatever lines they are counted in.
-    return known.merge(named, on=[*_FAMILY, "seed"]).assign(where=lambda table: table["road"])
+    return _placed(known.merge(named, on=[*_FAMILY, "seed"]))
+
+
+def _placed(rows: pd.DataFrame) -> pd.DataFrame:
+    """Statistics pair the drives of a place, whatever lines they are counted in."""
+    return rows.assign(where=rows["road"])
 
 
 def quarter_table(rows: pd.DataFrame) -> pd.DataFrame:
@@ -65,9 +69,7 @@ def contrast_table(rows: pd.DataFrame, contrasts: Sequence[tuple[str, str]]) -> 
     for few pairs; ``p_holm``, adjusted after Holm for all lines.
     """
     lines = []
-    valued = by_quarter(rows)
-    whole = attempts_of(rows).assign(where=lambda table: table["road"])
-    for quarter, part in _parts(valued) or [(_ALL, whole)]:
+    for quarter, part in _parts(by_quarter(rows)) or [(_ALL, _placed(attempts_of(rows)))]:
         planners = dict(list(part.groupby("planner", sort=False)))
         for planner, other in contrasts:
             for column in _TESTED if planner in planners and other in planners else ():

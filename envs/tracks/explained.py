@@ -59,6 +59,7 @@ class Assumption:
     value: str
     source: str  # ``file``, ``draw``, ``scenario`` or ``data``
     how: str = ""  # how it was computed from the data; empty for other sources
+    is_free: bool = False  # whether it is only where an estimate begins
 
 
 @dataclass(frozen=True)
@@ -129,8 +130,10 @@ class Targets:
         self._note("leader", whom, DATA, "who drives ahead in its lane at the end")
         return replace(term, leader=self.leader)
 
-    def _note(self, what: str, value: str, source: str, how: str = "") -> None:
-        self.assumptions.append(Assumption(self.player, what, value, source, how))
+    def _note(
+        self, what: str, value: str, source: str, how: str = "", is_free: bool = False
+    ) -> None:
+        self.assumptions.append(Assumption(self.player, what, value, source, how, is_free))
 
     def _component(self, term: StateDeviation) -> Feature:
         name = term.component
@@ -150,7 +153,8 @@ class Targets:
             target, how = self._from_data(name, sorted(everybody))
             source = DATA
         if source == DATA and name == "speed" and self.free:
-            self._note(name, f"{target:.4g} ± {_SPEED_SPREAD:g}", source, f"{how}, then estimated")
+            how, shown = f"{how}, then estimated", f"{target:.4g} ± {_SPEED_SPREAD:g}"
+            self._note(name, shown, source, how, is_free=True)
             return replace(term, target=_guess("target speed", "m/s", float(target), _SPEED_SPREAD))
         self._note(name, f"{target:.4g}", source, how)
         return replace(term, target=float(target))
@@ -254,24 +258,8 @@ def explain(
         check_on_road(road, entry.players, motions, level)
     sources = Known(told, road, scenario.game.players)
     warnings += check_told(name, sources)
-    players, assumptions = [], []
-    leaders = [-1] * len(motions)
-    if road is not None and any(isinstance(f, Following) for f in sources.players[0].features):
-        leaders = _leaders(road, entry.players, motions)
-    for i, (player, motion) in enumerate(zip(entry.players, motions, strict=True)):
-        match = None if drawn is None else drawn[i]
-        costs = scenario.game.players[0 if match is None else match]
-        targets = Targets(
-            player,
-            motion,
-            sources,
-            None if match is None else costs,
-            leaders[i],
-            entry.players,
-            free,
-        )
-        players.append(_at_step(targets.applied(costs), dt / scenario.game.dt))
-        assumptions += targets.assumptions
+    players, assumptions = _aimed_players(scenario, sources, motions, drawn, entry.players, free)
+    players = [_at_step(player, dt / scenario.game.dt) for player in players]
     if road is not None:
         warnings += lane_warnings(entry.players, motions, players, level)
     game = replace(scenario.game, players=tuple(players), horizon=len(states), dt=dt)
@@ -283,6 +271,31 @@ def explain(
         initial_state=np.zeros((count, game.dynamics.state_size)),
     )
     return Explained(explained, tuple(assumptions), rough, tuple(warnings))
+
+
+def _aimed_players(
+    scenario: Scenario,
+    sources: Known,
+    motions: Sequence[Motion],
+    drawn: Sequence[int] | None,
+    names: Sequence[str],
+    free: bool,
+) -> tuple[list[Player], list[Assumption]]:
+    """The scenario's costs with each player's own targets, and what was assumed for them."""
+    leaders = [-1] * len(motions)
+    if sources.road is not None and any(
+        isinstance(feature, Following) for feature in sources.players[0].features
+    ):
+        leaders = _leaders(sources.road, names, motions)
+    players, assumptions = [], []
+    for i, (name, motion) in enumerate(zip(names, motions, strict=True)):
+        match = None if drawn is None else drawn[i]
+        costs = scenario.game.players[0 if match is None else match]
+        known = None if match is None else costs
+        targets = Targets(name, motion, sources, known, leaders[i], names, free)
+        players.append(targets.applied(costs))
+        assumptions += targets.assumptions
+    return players, assumptions
 
 
 def _leaders(road: Road, names: Sequence[str], motions: Sequence[Motion]) -> list[int]:

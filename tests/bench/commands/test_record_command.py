@@ -23,7 +23,7 @@ from olne_bench.envs.recordings import recording
 from olne_bench.envs.recordings.recording_file import read_recording
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.envs.solved.equilibrium import NoEquilibriumError
-from olne_bench.envs.tracks.explained import DATA
+from olne_bench.envs.tracks.explained import DATA, Assumption
 from olne_bench.errors import UserError
 from olne_bench.estimators.protocol import Estimate, Problem
 from olne_bench.games.model.observation import FullView
@@ -479,8 +479,8 @@ def test_what_is_known_of_the_motion_is_what_is_observed():
 
 def test_targets_are_listed_and_warned_of_where_the_data_suggested_them(capsys):
     told = [
-        SimpleNamespace(player="one", what="speed", value="9 m/s", source="road", how="said"),
-        SimpleNamespace(player="two", what="goal", value="(1, 2)", source=DATA, how="last seen"),
+        Assumption(player="one", what="speed", value="9 m/s", source="road", how="said"),
+        Assumption(player="two", what="goal", value="(1, 2)", source=DATA, how="last seen"),
     ]
     estimating._say_assumptions("merge", 0.25, told)
     said = capsys.readouterr()
@@ -488,7 +488,8 @@ def test_targets_are_listed_and_warned_of_where_the_data_suggested_them(capsys):
     assert first == "costs of 'merge' at steps of 0.25 s, with these targets:"
     assert rows == ["one speed 9 m/s road said", f"two goal (1, 2) {DATA} last seen"]
     assert "targets guessed from the data (source 'data'): goal; the weights depend" in said.err
-    estimating._say_assumptions("merge", 0.25, told[:1])
+    begun = Assumption(player="two", what="speed", value="9 ± 3", source=DATA, is_free=True)
+    estimating._say_assumptions("merge", 0.25, [told[0], begun])
     assert capsys.readouterr().err == ""
 
 
