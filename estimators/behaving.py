@@ -17,7 +17,7 @@ Behaviours share the coordinates, so that evidences can be compared.
 
 Paper: Li et al., AAMAS 2023, for feedback games.
 Assumes: a behaviour that is known, no constraints, no unknown numbers.
-Cost: 30 to 200 motions of the behaviour; 0.01 s each for feedback, 0.1 s for a leader.
+Cost: 30 to 200 motions of the behaviour; 0.01 s each for feedback, 0.02 s for a leader.
 Trust: as that of ``map``.
 """
 
@@ -42,7 +42,8 @@ from olne_bench.estimators.shared.posterior_density import GameDensity
 from olne_bench.estimators.shared.trajectory_fit import guess_controls
 from olne_bench.estimators.shared.white_noise import assumed_sigma, white_problem, with_white_noise
 from olne_bench.games.model.dynamics import rollout
-from olne_bench.games.solve.behaviours import BEHAVIOURS, NoPlanError, plans
+from olne_bench.games.solve.behaviours import BEHAVIOURS, plans
+from olne_bench.games.solve.leading import NoPlanError
 
 #: The behaviour that all other estimators assume.
 OPEN_LOOP = "open_loop"

@@ -4,8 +4,8 @@
     python scripts/behaviours.py recorded DATA [--out results/behaviours]
 
 Motions of each behaviour are drawn by the scenario ``changed`` and seen with noise.
-``ob.behaviours`` compares all but ``leading``, which takes minutes. A behaviour is chosen where its
-probability is at least 0.9; else the motion cannot be told apart. Rows that are there already are
+``ob.behaviours`` compares them. A behaviour is chosen where its probability is at least 0.9; else
+the motion cannot be told apart. Rows that are there already are
 kept, so that the study goes on where it ended. Writes trials.csv, confusion.csv and behaviours.png.
 
 DATA is a folder of CommonRoad files. Of each, the strongest group of at most three cars counts,
@@ -36,7 +36,7 @@ from olne_bench.errors import UserError
 
 ROAD = {"num_players": 3, "weights": "temperaments"}
 SCENARIOS = {"intersection": ROAD, "highway": ROAD, "two_player": {"weights": "dirichlet"}}
-TRUTHS = ("open_loop", "feedback", "responding", "alone")
+TRUTHS = ("open_loop", "feedback", "responding", "leading", "alone")
 CHOICES = (*TRUTHS, "straight")
 UNDECIDED = "undecided"
 #: Noise levels [m]; the crossing of two players is a hundred times smaller than roads.

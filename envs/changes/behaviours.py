@@ -10,14 +10,9 @@ from olne_bench.envs.changes.change import Change, own_plan, played
 from olne_bench.envs.scenarios.scenario import NoEquilibriumError, Scenario
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.game import Game
-from olne_bench.games.solve.behaviours import (
-    NoPlanError,
-    answers,
-    bounded,
-    led_by_first,
-    uncoupled,
-)
+from olne_bench.games.solve.behaviours import answers, uncoupled
 from olne_bench.games.solve.feedback import solve_feedback
+from olne_bench.games.solve.leading import NoPlanError, bounded, led_by_first
 from olne_bench.games.solve.plan_costs import PlanCosts
 
 

@@ -115,6 +115,140 @@ class Following:
 
 
 @dataclass(frozen=True)
+class TimeGap:
+    """``scale * (d - standstill - seconds * speed)^2``: so long behind the leader.
+
+    The distance d of centres is along the own heading [m]. The leader is a player's index, -1 for
+    none: then it costs nothing. The states need ``heading`` and ``speed``.
+
+    Attributes:
+        seconds: wanted gap in time [s].
+        standstill: wanted distance of centres where nobody moves [m].
+    """
+
+    leader: int
+    seconds: float = 1.5
+    standstill: float = 7.0
+    scale: float = 1.0
+    name: str = "time gap"
+
+    @property
+    def watched(self) -> tuple[int, ...]:
+        return (self.leader,) if self.leader >= 0 else ()
+
+    def watching(self, players: tuple[int, ...]) -> "TimeGap":
+        return replace(self, leader=players[0] if players else -1)
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        if self.leader < 0:
+            return 0.0
+        return self.scale * _missing(self, stage, stage.position(self.leader)) ** 2
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return self.running_cost(stage)
+
+
+@dataclass(frozen=True)
+class GivenCar:
+    """A car that is no player: it moves as told, whatever players do.
+
+    Features look it up by the time, so the states need a ``clock`` (``dynamics.with_clock``).
+    Between samples it is interpolated; after the last one it stays there at its last speed, so
+    samples should last as long as the game. Raises ValueError on another number of speeds than
+    places, or a step that is not positive.
+
+    Attributes:
+        places: (S, 2) [m] at the times 0, ``step``, ...
+        speeds: (S,) [m/s].
+        step: [s].
+    """
+
+    places: tuple[tuple[float, float], ...]
+    speeds: tuple[float, ...]
+    step: float
+
+    def __post_init__(self) -> None:
+        if not self.places or len(self.places) != len(self.speeds):
+            counts = f"{len(self.places)} places and {len(self.speeds)} speeds"
+            raise ValueError(f"a given car needs a speed at each of its places, got {counts}")
+        if not self.step > 0:
+            raise ValueError(f"step must be a positive number of seconds, got {self.step}")
+
+    def position(self, stage: Stage) -> ca.SX:
+        """Where it is (2,) [m]."""
+        xs, ys = zip(*self.places, strict=True)
+        return ca.vertcat(self._now(stage, xs), self._now(stage, ys))
+
+    def speed(self, stage: Stage) -> ca.SX:
+        """How fast it is [m/s]."""
+        return self._now(stage, self.speeds)
+
+    def _now(self, stage: Stage, samples: tuple[float, ...]) -> ca.SX:
+        """Each sample's share falls to zero at its neighbours; the last one's does not end."""
+        time, total = stage.own_state("clock") / self.step, ca.SX(0)
+        for k, sample in enumerate(samples):
+            since = time - k if k < len(samples) - 1 else ca.fmin(time - k, 0)
+            total += sample * ca.fmax(0, 1 - ca.fabs(since))
+        return total
+
+
+@dataclass(frozen=True)
+class FollowingGiven:
+    """``Following`` where the leader is no player."""
+
+    car: GivenCar
+    scale: float = 1.0
+    name: str = "following"
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        return self.scale * (stage.own_state("speed") - self.car.speed(stage)) ** 2
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return self.running_cost(stage)
+
+
+@dataclass(frozen=True)
+class TimeGapToGiven:
+    """``TimeGap`` where the leader is no player."""
+
+    car: GivenCar
+    seconds: float = 1.5
+    standstill: float = 7.0
+    scale: float = 1.0
+    name: str = "time gap"
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        return self.scale * _missing(self, stage, self.car.position(stage)) ** 2
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return self.running_cost(stage)
+
+
+def _missing(gap: TimeGap | TimeGapToGiven, stage: Stage, leader: ca.SX) -> ca.SX:
+    """How much farther away than wanted a leader at (2,) is [m]."""
+    heading, apart = stage.own_state("heading"), leader - stage.position(stage.player)
+    distance = apart[0] * ca.cos(heading) + apart[1] * ca.sin(heading)
+    return distance - gap.standstill - gap.seconds * stage.own_state("speed")
+
+
+@dataclass(frozen=True)
+class Absent:
+    """A preference of other players that this one does not have: it costs nothing.
+
+    Its weight is what the player's others leave of the sum of one. Only a task, which has the mean
+    weight, can tell it.
+    """
+
+    name: str
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        return 0.0
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return 0.0
+
+
+@dataclass(frozen=True)
 class Proximity:
     """``scale * sum_j -log(|p_i - p_j|^2 + offset)``: keep away from the other players.
 

@@ -118,6 +118,57 @@ def bicycle(rear_axle: float = 2.5, sub_steps: int = 1) -> Dynamics:
     )
 
 
+@dataclass(frozen=True)
+class _ClockStep:
+    """The step of ``with_clock``."""
+
+    moved: Callable[[ca.SX, ca.SX, ca.SX | float], ca.SX]
+
+    def __call__(self, state: ca.SX, control: ca.SX, dt: ca.SX | float) -> ca.SX:
+        return ca.vertcat(self.moved(state[:-1], control, dt), state[-1] + dt)
+
+
+def with_clock(dynamics: Dynamics) -> Dynamics:
+    """The model with the time as a last state ``clock`` [s], for features that depend on it.
+
+    Where initial states are estimated, the clock is told with a small ``noise_scale``.
+    """
+    names = (*dynamics.state_names, "clock")
+    name = f"{dynamics.name} with clock"
+    return Dynamics(name, names, dynamics.control_names, _ClockStep(dynamics.step))
+
+
+@dataclass(frozen=True)
+class _JerkStep:
+    """The step of ``with_jerk``; ``place`` is that of the acceleration among the controls."""
+
+    moved: Callable[[ca.SX, ca.SX, ca.SX | float], ca.SX]
+    place: int
+
+    def __call__(self, state: ca.SX, control: ca.SX, dt: ca.SX | float) -> ca.SX:
+        jerk, known = control[self.place], ca.SX(control)
+        known[self.place] = state[-1]
+        return ca.vertcat(self.moved(state[:-1], known, dt), state[-1] + dt * jerk)
+
+
+def with_jerk(dynamics: Dynamics) -> Dynamics:
+    """The model with ``acceleration`` as a last state and ``jerk`` [m/s^3] as the control of it.
+
+    ``ControlEffort("jerk")`` then is a cost of motion that is not smooth, and
+    ``StateDeviation("acceleration")`` one of hard braking. Raises ValueError on a model without
+    an acceleration among its controls.
+    """
+    if "acceleration" not in dynamics.control_names:
+        raise ValueError(
+            f"{dynamics.name} has no control 'acceleration' but {', '.join(dynamics.control_names)}"
+        )
+    place = dynamics.control_names.index("acceleration")
+    names = tuple("jerk" if name == "acceleration" else name for name in dynamics.control_names)
+    step = _JerkStep(dynamics.step, place)
+    states = (*dynamics.state_names, "acceleration")
+    return Dynamics(f"{dynamics.name} with jerk", states, names, step)
+
+
 def dynamics_errors(
     dynamics: Dynamics, states: Sequence[ca.SX], controls: Sequence[ca.SX], dt: ca.SX | float
 ) -> list[ca.SX]:

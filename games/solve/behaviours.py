@@ -10,28 +10,16 @@
 from dataclasses import replace
 
 import numpy as np
-from scipy.optimize import minimize
 
 from olne_bench.games.model.costs import CarProximity, Feature, Following, Proximity
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.game import Game
-from olne_bench.games.solve.best_response import best_responses, iterated_best_response
+from olne_bench.games.solve.best_response import iterated_best_response
 from olne_bench.games.solve.feedback import solve_feedback
-from olne_bench.games.solve.plan_costs import PlanCosts
+from olne_bench.games.solve.leading import NoPlanError, led_by_first, response
 
 #: Those that ``plans`` knows.
 BEHAVIOURS = ("feedback", "responding", "leading", "alone", "straight")
-
-#: Rounds in which followers respond to each other, and change [control units] that ends them.
-_ROUNDS, _SETTLED = 30, 1e-9
-#: Iterations of the leader's search.
-_ITERATIONS = 20
-#: Curvature of a cost, relative to the largest, that counts at least: no draw is without bounds.
-_FLATTEST = 1e-6
-
-
-class NoPlanError(Exception):
-    """No plans of this behaviour are found."""
 
 
 def plans(
@@ -84,69 +72,3 @@ def answers(
         response(game, i, near[:, i], states, others, weights) for i in range(game.num_players)
     ]
     return np.stack(found, axis=1)
-
-
-def response(
-    game: Game,
-    player: int,
-    plan: np.ndarray,
-    states: np.ndarray,
-    controls: np.ndarray,
-    weights: np.ndarray,
-) -> np.ndarray:
-    """A player's best plan (T-1, m) next to a first one, where the others move as given.
-
-    Raises:
-        NoPlanError: if none is found.
-    """
-    found = best_responses(game, player, plan[None], states, controls, weights)
-    if not found.converged[0]:
-        raise NoPlanError(f"player {player} finds no response")
-    return np.asarray(found.controls[0])
-
-
-def led_by_first(
-    game: Game, weights: np.ndarray, start: np.ndarray, near: np.ndarray
-) -> np.ndarray:
-    """Plans where the first player leads; arguments as of ``plans``."""
-    costs, shape, size = PlanCosts(game, weights, start), near[:, 0].shape, near[:, 0].size
-    # In these units the leader's own cost bends the same in all directions.
-    values, vectors = bounded(costs.at(near).own_curvatures[:size, :size])
-    unit, followed = vectors / np.sqrt(values), near
-
-    def led(away: np.ndarray) -> tuple[float, np.ndarray]:
-        """The leader's cost at its plan, and the derivative, the others' answers included."""
-        nonlocal followed  # the last answers are near the next ones
-        own = near[:, 0] + (unit @ away).reshape(shape)
-        followed = _followed(game, weights, start, followed, own)
-        at = costs.at(followed)
-        bent = at.own_curvatures[size:]
-        answer = -np.linalg.solve(bent[:, size:], bent[:, :size])
-        slope = at.slopes[0, :size] + at.slopes[0, size:] @ answer
-        return at.costs[0], unit.T @ slope
-
-    found = minimize(led, np.zeros(size), jac=True, options={"maxiter": _ITERATIONS, "gtol": 1e-4})
-    own = near[:, 0] + (unit @ found.x).reshape(shape)
-    return _followed(game, weights, start, followed, own)
-
-
-def bounded(curvature: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues of a symmetric matrix, none of them too small, and eigenvectors."""
-    values, vectors = np.linalg.eigh(curvature)
-    return np.maximum(values, _FLATTEST * values[-1]), vectors
-
-
-def _followed(
-    game: Game, weights: np.ndarray, start: np.ndarray, plan: np.ndarray, own: np.ndarray
-) -> np.ndarray:
-    """Controls (T-1, N, m) in which all others respond to the first player's plan (T-1, m)."""
-    controls = plan.copy()
-    controls[:, 0] = own
-    for _ in range(_ROUNDS):
-        before = controls.copy()
-        for i in range(1, game.num_players):
-            states = rollout(game.dynamics, start, controls, game.dt)
-            controls[:, i] = response(game, i, controls[:, i], states, controls, weights)
-        if np.abs(controls - before).max() < _SETTLED:
-            break
-    return controls

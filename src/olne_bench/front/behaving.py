@@ -13,14 +13,14 @@ from olne_bench.estimators.shared.noise_level import with_found_noise
 from olne_bench.estimators.shared.white_noise import with_white_noise
 from olne_bench.games.solve.behaviours import BEHAVIOURS
 
-#: Behaviours that are compared unless others are named: all but ``leading``, which takes minutes.
-USUAL = (OPEN_LOOP, *(name for name in BEHAVIOURS if name != "leading"))
+#: All behaviours.
+KNOWN = (OPEN_LOOP, *BEHAVIOURS)
 
 
 def behaviours(
     problem: Problem,
     observation: Observation,
-    names: Sequence[str] = USUAL,
+    names: Sequence[str] = KNOWN,
     *,
     budget: float = 300.0,
 ) -> pd.DataFrame:
@@ -29,7 +29,7 @@ def behaviours(
     Args:
         problem: what is known.
         observation: what was seen.
-        names: of behaviours; ``open_loop`` and those of ``games.solve.behaviours``.
+        names: of behaviours, ``open_loop`` and those of ``games.solve.behaviours``.
         budget: time that the search may take [s].
 
     Returns:
@@ -41,10 +41,9 @@ def behaviours(
     Raises:
         ValueError: on an unknown behaviour, or a game with constraints or unknown numbers.
     """
-    known = (OPEN_LOOP, *BEHAVIOURS)
     for name in names:
-        if name not in known:
-            raise ValueError(f"unknown behaviour {name!r}; known are: {', '.join(known)}")
+        if name not in KNOWN:
+            raise ValueError(f"unknown behaviour {name!r}; known are: {', '.join(KNOWN)}")
     if reason := unsupported(problem):
         raise ValueError(reason)
     deadline = time.monotonic() + budget

@@ -43,16 +43,6 @@ def test_one_that_responds_gains_by_no_other_plan(crossing):
         np.testing.assert_allclose(own, 0, atol=1e-4)
 
 
-def test_who_leads_pays_at_most_what_it_pays_in_the_open_loop(crossing):
-    game, weights, start, near = crossing
-    led = plans(game, "leading", weights, start, near)
-    costs = PlanCosts(game, weights, start)
-    assert costs.at(led).costs[0] <= costs.at(near).costs[0] + 1e-9
-    size = near[:, 0].size
-    follower = costs.at(led).slopes[1, size:]
-    np.testing.assert_allclose(follower, 0, atol=1e-4)
-
-
 def test_straight_on_changes_no_speed(crossing):
     game, weights, start, near = crossing
     controls = plans(game, "straight", weights, start, near)
