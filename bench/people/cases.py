@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from olne_bench.bench.people.beside import Beside, lanes_beside
 from olne_bench.envs.scenarios.following import NOISE_SCALE
 from olne_bench.envs.tracks.grid import Grid
 from olne_bench.envs.tracks.prediction import (
@@ -24,6 +25,7 @@ from olne_bench.envs.tracks.prediction import (
     play,
     predict_cars,
     respond,
+    scene_at,
 )
 from olne_bench.envs.tracks.reading import grid_and_road, read_whole
 from olne_bench.envs.tracks.road import Road
@@ -76,6 +78,7 @@ class Case:
     answered: bool = True
     seconds: float = np.nan  # for weights of its own
     residual: float = np.nan  # [m] of what was seen, with them
+    beside: tuple[Beside, ...] = ()  # lanes that it could change to
     samples: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 4)))  # (M, N, 4) weights
     sampled: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 2)))  # (M, H, 2) with them
 
@@ -131,6 +134,7 @@ def _case(grid: Grid, road: Road, name: str, source: Source, weights: bool) -> C
     if not one.leaders or not np.isfinite(one.recorded).all():
         return None
     case = _known(one, past.states, source)
+    case.beside = lanes_beside(scene_at(grid, road, at), name)
     (leader,) = predict_cars(grid, road, at, seconds, players=[one.leaders[0]], most=1)
     led = places(one.way, leader.recorded)
     known = respond(one.drivers, led) if np.isfinite(led).all() else None

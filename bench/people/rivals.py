@@ -4,15 +4,13 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.optimize import minimize
 from scipy.spatial.distance import cdist
 
 from olne_bench.bench.people.cases import HORIZONS, Case
-from olne_bench.envs.tracks.prediction import STEP
+from olne_bench.bench.people.driver_model import fitted_idm, fitted_manners, idm, mobil
 from olne_bench.estimators.shared.population import fitted_population
 from olne_bench.games.model.weight_prior import FLAT, WeightPrior
 
-CAR_LENGTH = 4.5  # [m]
 #: Penalties of linear and kernel regression, and the length of the kernel in standard deviations.
 _RIDGE, _KERNEL, _LENGTH = 1.0, 1.0, 3.0
 _FARTHEST = 80.0  # [m] of a gap that counts
@@ -20,26 +18,22 @@ _INPUTS = 8  # of regressions
 #: Cars of a road from which its own spread is known.
 _ENOUGH = 30
 _FINEST = 0.01  # [m] of a spread
-_IDM_START = (1.0, 1.5, 1.2, 2.0)  # [m/s^2], [m/s^2], [s], [m]
-_IDM_STEPS = 60  # of its fit
 
-#: Metres (H,) along the way of a case.
-Along = Callable[[Case], np.ndarray]
+#: Places (H, 2) along the way of a case and to its left [m].
+Places = Callable[[Case], np.ndarray]
 
 
 @dataclass(frozen=True)
 class Rivals:
     """What was learnt from other cars."""
 
-    methods: dict[str, Along]
+    methods: dict[str, Places]
     prior: WeightPrior | None
     spreads: dict[tuple[str, str], np.ndarray]  # (H, 2) mean errors [m] by method and road
 
     def predicted(self, case: Case) -> dict[str, np.ndarray]:
-        """(H, 2) of all methods; those that are fitted keep the place in the lane."""
-        zeros = np.zeros(len(case.happened))
-        found = {name: np.column_stack([of(case), zeros]) for name, of in self.methods.items()}
-        found |= case.predicted
+        """(H, 2) of all methods."""
+        found = {name: of(case) for name, of in self.methods.items()} | case.predicted
         if self.prior is not None and len(case.samples):
             shares = shares_of(case, self.prior)
             found["population"] = np.einsum("m,mhi->hi", shares, case.sampled)
@@ -87,41 +81,22 @@ def _mean(errors: Sequence[np.ndarray]) -> np.ndarray:
 
 def _fitted(others: Sequence[Case]) -> Rivals:
     """Without spreads."""
-    methods = {"idm": _idm_of(others), "ridge": _ridge_of(others), "kernel": _kernel_of(others)}
+    logs = fitted_idm(others)
+    manners = fitted_manners(others, logs)
+    methods: dict[str, Places] = {
+        "idm": lambda case: _in_lane(idm(case, logs)),
+        "mobil": lambda case: mobil(case, logs, manners),
+        "ridge": _ridge_of(others),
+        "kernel": _kernel_of(others),
+    }
     drawn = [case.samples[:, :1] for case in others if len(case.samples)]
     prior = fitted_population(drawn, FLAT) if len(drawn) > 2 else None
     return Rivals(methods, prior, {})
 
 
-def _idm_of(others: Sequence[Case]) -> Along:
-    """The intelligent driver model, fitted to errors after 3 s."""
-    three = HORIZONS.index(3.0)
-
-    def error(logs: np.ndarray) -> float:
-        return float(np.mean([abs((idm(c, logs) - c.happened[:, 0])[three]) for c in others]))
-
-    start = np.log(_IDM_START)
-    found = minimize(error, start, method="Nelder-Mead", options={"maxiter": _IDM_STEPS}).x
-    return lambda case: idm(case, found)
-
-
-def idm(case: Case, parameters: np.ndarray) -> np.ndarray:
-    """(H,) metres that a car drives by Treiber's model, as all ahead of it but the first."""
-    acceleration, comfort, headway, distance = np.exp(parameters)
-    speeds, places = case.speeds.copy(), np.concatenate([[0.0], np.cumsum(case.gaps)])
-    driven = [0.0]
-    for _ in range(round(HORIZONS[len(case.happened) - 1] / STEP)):
-        gap = np.maximum(np.diff(places) - CAR_LENGTH, 0.5)
-        own, ahead = speeds[:-1], speeds[1:]
-        closing = own * (own - ahead) / (2 * np.sqrt(acceleration * comfort))
-        wanted = distance + np.maximum(0.0, own * headway + closing)
-        free = (own / np.maximum(case.speeds[:-1] * 1.3, 5.0)) ** 4
-        change = acceleration * (1 - free - (wanted / gap) ** 2)
-        change = np.append(change.clip(-8, acceleration), 0.0)
-        places = places + np.maximum(speeds * STEP + change * STEP**2 / 2, 0.0)
-        speeds = np.maximum(speeds + change * STEP, 0.0)
-        driven.append(float(places[0]))
-    return np.array([driven[round(h / STEP)] for h in HORIZONS[: len(case.happened)]])
+def _in_lane(along: np.ndarray) -> np.ndarray:
+    """Places (H, 2) of who keeps its place in the lane."""
+    return np.column_stack([along, np.zeros(len(along))])
 
 
 def _inputs(case: Case) -> np.ndarray:
@@ -142,7 +117,7 @@ def _beyond(others: Sequence[Case], at: int) -> tuple[np.ndarray, np.ndarray]:
     return inputs, np.array(beyond)
 
 
-def _ridge_of(others: Sequence[Case]) -> Along:
+def _ridge_of(others: Sequence[Case]) -> Places:
     """Linear regression."""
     lines = []
     for at in range(len(HORIZONS)):
@@ -151,14 +126,14 @@ def _ridge_of(others: Sequence[Case]) -> Along:
         normal = inputs.T @ inputs + _RIDGE * np.eye(count)
         lines.append(np.linalg.solve(normal, inputs.T @ beyond) if count else np.zeros(_INPUTS))
 
-    def along(case: Case) -> np.ndarray:
+    def driven(case: Case) -> np.ndarray:
         more = [float(_inputs(case) @ line) for line in lines[: len(case.happened)]]
-        return np.asarray(case.predicted["straight"][:, 0] + more)
+        return _in_lane(case.predicted["straight"][:, 0] + more)
 
-    return along
+    return driven
 
 
-def _kernel_of(others: Sequence[Case]) -> Along:
+def _kernel_of(others: Sequence[Case]) -> Places:
     """Kernel regression on inputs of variance one."""
     fits = []
     for at in range(len(HORIZONS)):
@@ -168,11 +143,11 @@ def _kernel_of(others: Sequence[Case]) -> Along:
         gram = np.exp(-cdist(known, known, "sqeuclidean")) + _KERNEL * np.eye(len(known))
         fits.append((known, spread, np.linalg.solve(gram, beyond)))
 
-    def along(case: Case) -> np.ndarray:
+    def driven(case: Case) -> np.ndarray:
         more = []
         for known, spread, factors in fits[: len(case.happened)]:
             own = (_inputs(case) / spread / _LENGTH)[None]
             more.append(float((np.exp(-cdist(own, known, "sqeuclidean")) @ factors)[0]))
-        return np.asarray(case.predicted["straight"][:, 0] + more)
+        return _in_lane(case.predicted["straight"][:, 0] + more)
 
-    return along
+    return driven

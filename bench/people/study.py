@@ -18,7 +18,7 @@ from olne_bench.errors import UserError
 METHODS = (
     *("straight", "controls", "game", "alone", "own weights", "population", "intent"),
     "leader known",
-    *("idm", "ridge", "kernel"),
+    *("idm", "mobil", "ridge", "kernel"),
 )
 FIRST, SECOND, BOTH = "first", "second", "both"
 #: Shares of a Laplace distribution within so many mean errors.

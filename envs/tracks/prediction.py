@@ -136,24 +136,35 @@ def predict_cars(
     last = _sample(grid, at)
     if not STEP <= ahead <= LONGEST:
         raise UserError(f"--ahead {ahead:g}: expected {STEP:g} to {LONGEST:g} s")
-    seen = Grid(grid.times[: last + 1], grid.players, grid.states[: last + 1])
-    motions = motions_of(seen)
-    cars = {
-        name: replace(car, speed=_present_speed(motions[grid.players.index(name)], grid.step))
-        for name, car in standing_cars(grid.players, motions, last).items()
-    }
+    scene, motions = _seen(grid, road, last)
+    cars = scene.cars
     missing = [name for name in players if name not in cars]
     if missing or not cars:
         who = f"player {missing[0]!r}" if missing else "nobody"
         there = ", ".join([*cars][:8]) or "none"
         raise UserError(f"{who} is seen moving at {grid.times[last]:g} s; there are: {there}")
-    scene, times = Scene(road, cars), STEP * np.arange(round(ahead / STEP) + 1)
+    times = STEP * np.arange(round(ahead / STEP) + 1)
     past = _Past(dict(zip(grid.players, motions, strict=True)), grid.step)
     weights = np.full(4, 0.25) if weights is None else weights
     return [
         _foreseen(scene, name, times, (past, weights), most, _recorded(grid, last, times, name))
         for name in players or cars
     ]
+
+
+def scene_at(grid: Grid, road: Road, at: float) -> Scene:
+    """All cars that are seen at a time [s], by what is known then; UserError as of a prediction."""
+    return _seen(grid, road, _sample(grid, at))[0]
+
+
+def _seen(grid: Grid, road: Road, last: int) -> tuple[Scene, list[Motion]]:
+    """Cars at a sample with their present speeds, and motions until then."""
+    motions = motions_of(Grid(grid.times[: last + 1], grid.players, grid.states[: last + 1]))
+    cars = {
+        name: replace(car, speed=_present_speed(motions[grid.players.index(name)], grid.step))
+        for name, car in standing_cars(grid.players, motions, last).items()
+    }
+    return Scene(road, cars), motions
 
 
 @dataclass(frozen=True)

@@ -7,9 +7,9 @@ more than it fits, the posterior of L = log sigma has its peak where
     (S1)  n - S exp(-2 L) + (L - log sigma_0) / tau^2 = 0,
 
 as the profile likelihood has sigma^2 = S / n. How much is fitted depends on sigma, so this is
-repeated until it stays. The best fit itself does not, but its search ends early where noise
-explains what is left: it is repeated if a smaller sigma does not. All methods that have a
-likelihood then take the found level for the true one.
+repeated until it stays. The best fit itself does not, but its search ends early where noise of a
+high but plausible level explains what is left: it is repeated if the found level does not. All
+methods that have a likelihood then take the found level for the true one.
 """
 
 from collections.abc import Sequence
@@ -28,8 +28,8 @@ from olne_bench.games.model.simplex import theta_tangent
 
 #: Rounds at most, and the change of log sigma that ends them.
 _ROUNDS, _STILL = 5, 0.02
-#: The level is within this many deviations of its prior.
-_FARTHEST = 3.0
+#: The level is within this many deviations of its prior, and so many are high but plausible.
+_FARTHEST, _HIGH = 3.0, 2.0
 _FLAT = 1e-12  # precision of initial states
 
 
@@ -43,17 +43,18 @@ def with_found_noise(
     if not problem.sigma_spread:
         return problem
     found = replace(problem, sigma_spread=0.0)
-    fits = [_BestFit(one.y, deadline) for one in observations]
+    high = replace(found, sigma=problem.sigma * np.exp(_HIGH * problem.sigma_spread))
+    fits = [_BestFit(high, one.y, deadline) for one in observations]
     for _ in range(_ROUNDS):
         squared, left = 0.0, 0.0
         for one, fit in zip(observations, fits, strict=True):
-            solution = fit.at(found)
-            squared += solution.objective
-            left += _left(found, one.y, solution)
+            squared += fit.best.objective
+            left += _left(found, one.y, fit.best)
         level = most_probable_level(problem.sigma, problem.sigma_spread, squared, left)
         moved = abs(np.log(level / found.sigma))
         found = replace(found, sigma=level)
-        if moved < _STILL:
+        searched = [fit.searched_again(found) for fit in fits]
+        if moved < _STILL and not any(searched):
             break
     return found
 
@@ -89,25 +90,28 @@ def most_probable_level(median: float, spread: float, squared: float, left: floa
 
 
 class _BestFit:
-    """What the joint method leaves of an observation (T, N, d), at one level after another."""
+    """What the joint method leaves of an observation (T, N, d)."""
 
-    def __init__(self, y: np.ndarray, deadline: float) -> None:
+    def __init__(self, problem: Problem, y: np.ndarray, deadline: float) -> None:
+        """The first search ends early where noise of the problem's level explains a fit."""
         self._y, self._deadline = y, deadline
-        self._found: JointSolution | None = None
-        self._explained = False  # which ends the search early
+        self.best = self._searched(problem)
+        self._explained = self._explains(problem)  # which ended the search early
 
-    def at(self, problem: Problem) -> JointSolution:
-        """The best fit at a problem's noise level."""
-        if self._found is None or (self._explained and not self._explains(self._found, problem)):
-            scale, floor = problem.noise_scale, problem.weight_floor
-            settings = JointSettings(noise_scale=scale, weight_floor=floor)
-            attempts = joint_attempts(problem, self._y, settings, self._deadline)
-            self._found = lowest(list(attempts))
-            self._explained = self._explains(self._found, problem)
-        return self._found
+    def searched_again(self, problem: Problem) -> bool:
+        """Search on, once, if the search ended early and this level does not explain the fit."""
+        if not self._explained or self._explains(problem):
+            return False
+        self.best, self._explained = self._searched(problem), False
+        return True
 
-    def _explains(self, fit: JointSolution, problem: Problem) -> bool:
-        return fit.objective <= largest_explicable(problem, [self._y])
+    def _searched(self, problem: Problem) -> JointSolution:
+        scale, floor = problem.noise_scale, problem.weight_floor
+        settings = JointSettings(noise_scale=scale, weight_floor=floor)
+        return lowest(list(joint_attempts(problem, self._y, settings, self._deadline)))
+
+    def _explains(self, problem: Problem) -> bool:
+        return self.best.objective <= largest_explicable(problem, [self._y])
 
 
 def _left(problem: Problem, y: np.ndarray, fit: JointSolution) -> float:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from olne_bench.bench.people.cases import HORIZONS, Case
-from olne_bench.bench.people.rivals import fitted_to, idm, shares_of
+from olne_bench.bench.people.rivals import fitted_to, shares_of
 from olne_bench.games.model.weight_prior import WeightPrior
 
 
@@ -35,7 +35,7 @@ def test_regressions_find_a_linear_law():
         assert found["ridge"] == pytest.approx(own.happened, abs=0.6)
         worst = np.abs(found["kernel"] - own.happened)[:, 0].max()
         assert worst < 0.4 * np.abs(found["straight"] - own.happened)[:, 0].max()
-        assert set(found) == {"straight", "game", "alone", "idm", "ridge", "kernel"}
+        assert set(found) == {"straight", "game", "alone", "idm", "mobil", "ridge", "kernel"}
 
 
 def test_spreads_are_mean_errors_on_the_road_or_on_all():
@@ -43,12 +43,6 @@ def test_spreads_are_mean_errors_on_the_road_or_on_all():
     off = [np.abs(c.predicted["game"] - c.happened) for c in CASES]
     assert rivals.spread("game", "road") == pytest.approx(np.mean(off, axis=0))
     assert rivals.spread("game", "elsewhere") == pytest.approx(rivals.spread("game", "road"))
-
-
-def test_a_car_of_the_driver_model_keeps_its_distance_to_one_that_stands():
-    own = replace(CASES[0], speeds=np.array([10.0, 0.0]), gaps=np.array([30.0]))
-    driven = idm(own, np.log([1.0, 1.5, 1.2, 2.0]))
-    assert (np.diff(driven) > 0).all() and driven[-1] < 30 - 4.5
 
 
 def test_samples_are_weighed_by_another_prior():

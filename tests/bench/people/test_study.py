@@ -19,9 +19,9 @@ def test_pieces_of_a_road_are_in_its_halves_in_turn():
 def test_rows_and_summary_hold_every_case_method_and_horizon():
     second = {"piece 1", "piece 3", "piece 5"}
     rows = rows_of(CASES, second)
-    assert len(rows) == 60 * 4 * 6 and rows["half"].value_counts().to_dict() == {
-        "first": 720,
-        "second": 720,
+    assert len(rows) == 60 * 4 * 7 and rows["half"].value_counts().to_dict() == {
+        "first": 840,
+        "second": 840,
     }
     table = summary(rows)
     assert set(table["half"]) == {"first", "second", "both"}
@@ -32,7 +32,7 @@ def test_rows_and_summary_hold_every_case_method_and_horizon():
     base = np.mean([abs((c.predicted["straight"] - c.happened)[2, 0]) for c in CASES])
     assert one.loc["game", "over_straight"] == pytest.approx(np.abs(off[:, 0]).mean() / base)
     assert one.loc["ridge", "over_straight_high"] < 0.3
-    assert list(shown(table).columns) == ["game", "alone", "idm", "ridge", "kernel"]
+    assert list(shown(table).columns) == ["game", "alone", "idm", "mobil", "ridge", "kernel"]
 
 
 def test_the_second_half_does_not_change_what_is_fitted():

@@ -54,13 +54,27 @@ def test_a_search_is_repeated_only_where_a_smaller_level_no_longer_explains(monk
             replace(problem, sigma=0.05 * factor, sigma_spread=1.0), (one,), np.inf
         )
         assert len(searches) == 1 and found.sigma == pytest.approx(0.05, rel=0.15)
-    # A start that ended early, at what only the larger level explains: at the smaller it goes on.
+    # A search that ended early, at what only the larger level explains: at the smaller it goes on.
     searches.clear()
-    fit, wide = noise_level._BestFit(one.y, np.inf), replace(problem, sigma=5.0)
-    fit.at(wide)
-    fit.at(replace(problem, sigma=1e-4))
-    fit.at(wide)
+    wide, narrow = replace(problem, sigma=5.0), replace(problem, sigma=1e-4)
+    fit = noise_level._BestFit(wide, one.y, np.inf)
+    assert [fit.searched_again(asked) for asked in (wide, narrow, narrow)] == [False, True, False]
     assert searches == [5.0, 1e-4]
+
+
+def test_what_no_likely_level_explains_is_searched_from_all_starts(monkeypatch) -> None:
+    """Bent data, told as nearly free of noise: the search does not end at what it finds first."""
+    problem, one = seen(0.05)
+    tries, attempts = [], noise_level.joint_attempts
+
+    def counted(*given):
+        for attempt in attempts(*given):
+            tries.append(attempt)
+            yield attempt
+
+    monkeypatch.setattr(noise_level, "joint_attempts", counted)
+    found = with_found_noise(replace(problem, sigma=1e-3, sigma_spread=1.0), (one,), np.inf)
+    assert len(tries) > 6 and found.sigma == pytest.approx(0.02, rel=0.2)  # three deviations off
 
 
 @pytest.mark.parametrize("name", ["kkt_constrained", "map", "ridge", "bilevel", "ukf", "posterior"])
