@@ -46,7 +46,7 @@ class CompactLayout:
             self.solver,
             x0=np.concatenate([*trajectory, np.zeros(count)]),
             lbx=lower,
-            p=np.append(observation_parameters(y), np.zeros(3)),  # without ties or a prior
+            p=np.append(observation_parameters(y), np.zeros(2 + count)),  # no tie, no prior
         )
 
 
