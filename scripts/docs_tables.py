@@ -1,9 +1,9 @@
-"""Update the tables of README and documentation from ``results/``.
+"""Update the tables of README and documentation, and the numbers in sentences, from ``results/``.
 
     python scripts/docs_tables.py
 
 A table is between the comments ``<!-- table: NAME -->`` and ``<!-- end -->``, and is replaced by
-what ``TABLES`` has under that name.
+what ``TABLES`` has under that name. ``docs_values.py`` has the numbers.
 """
 
 import math
@@ -11,6 +11,7 @@ import re
 from collections.abc import Callable
 from pathlib import Path
 
+import docs_values
 import pandas as pd
 from paper_claims import claims_of
 
@@ -31,16 +32,16 @@ PLACE = ["scenario", "sensor", "estimator"]
 
 
 def filled(page: str) -> str:
-    """A page with its tables filled from ``results/``.
+    """A page with its tables and numbers filled from ``results/``.
 
     Raises:
-        KeyError: on the name of a table that does not exist.
+        KeyError: on the name of a table or number that does not exist.
     """
 
     def table(found: re.Match[str]) -> str:
         return f"{found[1]}\n{_markdown(TABLES[found[2]]())}\n\n{found[3]}"
 
-    return _TABLE.sub(table, page)
+    return docs_values.filled(_TABLE.sub(table, page))
 
 
 def main() -> None:

@@ -44,6 +44,7 @@ def main(runs: Path) -> int:
         if (runs / name).is_dir():
             call("-m", "olne_bench", "report", runs / name)
             keep(runs / name, RESULTS / name, figures)
+            call("scripts/stale_results.py", "--record", name, "--run", runs / name)
     if (runs / "calibration").is_dir():
         call("scripts/known_cells.py", runs / "calibration")
         call("scripts/two_modes.py")

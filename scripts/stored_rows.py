@@ -205,7 +205,7 @@ def _differ(known: dict[tuple[str, ...], Any], ended: list[tuple[Trial, Outcome]
 
 def _difference(there: Any, here: Any) -> float:
     """Largest relative difference; infinity where only one is a number, or texts differ."""
-    if isinstance(there, str) or isinstance(here, str):
+    if isinstance(there, str | bytes) or isinstance(here, str | bytes):
         return 0.0 if there == here else np.inf
     one, other = (np.array(np.nan if v is None else v, dtype=float) for v in (there, here))
     if one.shape != other.shape or (np.isnan(one) != np.isnan(other)).any():

@@ -1,0 +1,62 @@
+"""Scripts that nothing else runs keep working: rivals of the solvers, and rows run again."""
+
+import importlib
+from dataclasses import dataclass
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from olne_bench.envs.scenarios import get_scenario
+from olne_bench.games.solve.olne import solve_olne
+
+SCRIPTS = Path(__file__).parents[1] / "scripts"
+RESULTS = SCRIPTS.parent / "results"
+
+
+@pytest.fixture
+def script(monkeypatch):
+    monkeypatch.syspath_prepend(SCRIPTS)
+    return importlib.import_module
+
+
+def test_rivals_find_the_optimum_of_the_joint_method(script):
+    scenario = get_scenario("two_player")
+    truth = solve_olne(scenario.game, scenario.weights, scenario.initial_state)
+    measured = script("perf").measure_inverse(scenario, truth, sequences=1)
+    for name in ("published", "compact"):
+        assert measured[name]["sequences"] == 8
+        assert measured[name]["ours same or lower"] == 1.0
+    least = [row["ours objective"] for row in measured["rows"]]
+    rival = [row["compact objective"] for row in measured["rows"]]
+    assert (
+        sum(one == pytest.approx(other, rel=1e-6) for one, other in zip(least, rival, strict=True))
+        >= 6
+    )
+
+
+@dataclass(frozen=True)
+class Again:
+    status: str
+    scores: dict
+
+
+def test_a_row_that_is_run_again_is_compared_number_by_number(script, capsys):
+    differ = script("stored_rows")._differ
+    trial = type("Trial", (), {"key": ("a",)})
+    known = {("a",): {"status": "ok", "cosine_error": 0.5, "motion": b"x"}}
+    same = [(trial, Again("ok", {"cosine_error": 0.5, "motion": b"x"}))]
+    assert not differ(known, same)
+    other = [(trial, Again("ok", {"cosine_error": 0.25, "motion": b"y"}))]
+    assert differ(known, other)
+    printed = capsys.readouterr().out
+    assert "cosine_error: 1 rows differ, relatively by 0.5 in the median" in printed
+    assert "motion: 1 rows differ" in printed
+
+
+def test_rows_of_the_results_run_again(script, capsys):
+    kept = pd.read_parquet(RESULTS / "sensors/trials.parquet")
+    script("stored_rows").repeat(RESULTS / "sensors/trials.parquet", "sensors", number=3, jobs=1)
+    printed = capsys.readouterr().out
+    assert len(kept) >= 3 and "3 rows; equal in all: " in printed
+    assert "status" in printed.partition("equal in all: ")[2].partition("\n")[0]
