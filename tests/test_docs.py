@@ -175,6 +175,10 @@ def test_tables_are_those_of_the_results(monkeypatch):
     for name in script["PAGES"]:
         page = (ROOT / name).read_text()
         assert script["filled"](page) == page, f"{name}: run scripts/docs_tables.py"
+        # A comment that begins a line ends a list or a paragraph.
+        assert not re.search(r"^ *<!--=", page, re.MULTILINE), (
+            f"{name}: move a number into its line"
+        )
 
 
 def test_readme_is_short_and_counts_the_estimators():
