@@ -21,6 +21,8 @@ ON_ROADS = ANYWHERE | {
     "vehicle_length": (0.1, 0.3, 1.0), "wheelbase": (0.05, 0.2, 0.5),
     "unseen_cars": (1.0, 2.0, 3.0),
 }  # fmt: skip
+#: Three cars and one more are as many as these roads hold.
+IN_TOWN = ON_ROADS | {"unseen_cars": (1.0,)}
 CROSSING = ANYWHERE | {
     "replanning": (2.0, 1.0, 0.5), "entropic": (0.0001, 0.001, 0.01),
     "target_speed": (0.05, 0.1, 0.2), "goal": (0.05, 0.1, 0.2),
@@ -28,7 +30,7 @@ CROSSING = ANYWHERE | {
 THREE_DRIVERS = 'num_players = 3, weights = "temperaments"'
 HEAD = """# Written by scripts/misspecified.py.
 name = "misspecified"
-description = "Worlds that are not what estimators are told: twenty changes at three dials each"
+description = "Worlds that are not what estimators are told: twenty changes at up to three dials"
 sensors = ["full"]
 sigmas = [0.2]
 # Some draws cannot be played; at least 40 are left.
@@ -54,8 +56,9 @@ scenarios = ["""
 def suite() -> None:
     """Print the suite's file."""
     print(HEAD)
-    for name in ("highway", "intersection", "roundabout"):
-        _print(name, THREE_DRIVERS, ON_ROADS)
+    _print("highway", THREE_DRIVERS, ON_ROADS)
+    _print("intersection", THREE_DRIVERS, IN_TOWN)
+    _print("roundabout", THREE_DRIVERS, IN_TOWN)
     _print("two_player", 'weights = "dirichlet"', CROSSING, ", sigmas = [0.02]")
     print("]")
 
