@@ -90,12 +90,12 @@ def paper() -> pd.DataFrame:
 
 
 def damage() -> pd.DataFrame:
-    """Part of the suite ``misspecified``: errors over those of the true model, and coverage."""
+    """Suite ``misspecified`` on the highway: errors over those of the true model, and coverage."""
     table = pd.read_csv(RESULTS / "misspecified/damage.csv")
-    shown = ["map", "posterior", "robust", "imperfect"]
+    shown = ["map", "robust", "imperfect"]
     table = table[table["estimator"].isin(shown)]
     table = table.assign(share=_cells(table, "covers_truth_share"))
-    cells = _pairs(table.round(1), "{} ({})", "cosine_error_ratio", "share")
+    cells = _pairs(table.round(1), "{}&nbsp;({})", "cosine_error_ratio", "share")
     return _pivot(table, cells, ["change", "dial"])[shown]
 
 
