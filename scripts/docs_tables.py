@@ -94,9 +94,10 @@ def damage() -> pd.DataFrame:
     table = pd.read_csv(RESULTS / "misspecified/damage.csv")
     shown = ["map", "robust", "imperfect"]
     table = table[table["estimator"].isin(shown)]
-    table = table.assign(share=_cells(table, "covers_truth_share"))
+    names = [f"{row.change}&nbsp;{row.dial:g}" for row in table.itertuples()]
+    table = table.assign(share=_cells(table, "covers_truth_share"), change=names)
     cells = _pairs(table.round(1), "{}&nbsp;({})", "cosine_error_ratio", "share")
-    return _pivot(table, cells, ["change", "dial"])[shown]
+    return _pivot(table, cells, "change")[shown]
 
 
 def road_scores() -> pd.DataFrame:

@@ -14,7 +14,7 @@ from typing import Any
 import pandas as pd
 from behaviours import over_open_loop
 from scipy.stats import binomtest
-from stale_results import old
+from stale_results import MODULES, SUITES, old
 
 #: When the tenth sample of a road comes [s].
 TENTH_SAMPLE = 3.6
@@ -197,6 +197,13 @@ def _damage(change: str, dial: float, estimator: str) -> str:
     return f"{100 * row['covers_truth_share']:.0f}"
 
 
+def _conformal(column: str) -> str:
+    """Range over changes and seconds of the share of draws that discs of ``map`` hold."""
+    table = _table("misspecified/conformal.csv")
+    shares = 100 * table[table["estimator"] == "map"][column]
+    return f"{shares.min():.0f} to {shares.max():.0f}"
+
+
 def _inverse(game: str, rival: str) -> str:
     """How many times as long another layout takes, by medians over sequences."""
     perf = json.loads((RESULTS / "perf/perf.json").read_text())
@@ -236,7 +243,7 @@ def _constrained(ignorant: bool) -> str:
 VALUES: dict[str, Callable[[], str]] = {
     **PEOPLE,
     "people.held": _held,
-    "results.old": lambda: ", ".join(old()) or "none",
+    "results.old": lambda: f"{len(old())} of {len(SUITES) + len(MODULES)}",
     "behaviours.motions": lambda: str(_decided()[0]),
     "behaviours.decided": lambda: str(_decided()[1]),
     "behaviours.right": lambda: str(_decided()[2]),
@@ -267,6 +274,8 @@ VALUES: dict[str, Callable[[], str]] = {
     "again.meet": partial(_again, "position_error"),
     "again.cosine": partial(_again, "cosine_error"),
     "references.c2st": _c2st,
+    "conformal.held": partial(_conformal, "held"),
+    "conformal.told": partial(_conformal, "held_as_told"),
     "constrained.known": partial(_constrained, False),
     "constrained.ignorant": partial(_constrained, True),
     "perf.two": partial(_inverse, "two_player", "compact"),

@@ -11,6 +11,8 @@ from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.formats import NotDrawnError
 
 _SIZE = 3.6, 3.2  # of a panel [inch]
+#: Room of a name: in shares noticed, and of the ordinate.
+_WIDE, _TALL = 0.3, 0.035
 #: Colours of kinds of changes.
 _KINDS = {"behaviours": "#0072B2", "wrong models": "#D55E00", "wrong noise": "#5C5C3D"}
 #: Errors that may be drawn, the first that a run has.
@@ -60,14 +62,29 @@ def _panel(axes: Axes, means: pd.DataFrame, error: str) -> None:
     axes.yaxis.set_minor_formatter(NullFormatter())
     style.percent(axes.xaxis)
     axes.axhline(1.0, color="black", linewidth=0.8)
+    ends: list[tuple[float, float, str, str]] = []
     for (kind, change), line in means.groupby(["kind", "change"]):
         line, colour = line.sort_values("place"), _KINDS[str(kind)]
         x, y = line["noticed"].to_numpy(float), np.exp(line["log"].to_numpy(float))
         axes.plot(x, y, color=colour, linewidth=0.9, alpha=0.6)
         axes.plot(x[-1:], y[-1:], "o", color=colour, markersize=4)
+        ends.append((x[-1], y[-1], str(change).replace("_", " "), colour))
+    _name(axes, ends)
+
+
+def _name(axes: Axes, ends: list[tuple[float, float, str, str]]) -> None:
+    """Names beside points (x, y), moved up where they would cover each other."""
+    low, high = np.log(axes.get_ylim())
+    placed: list[tuple[float, float]] = []
+    for x, y, name, colour in sorted(ends, key=lambda end: end[1]):
+        height = np.log(y)
+        for other, taken in placed:  # from low to high
+            if abs(other - x) < _WIDE and height < taken + _TALL * (high - low):
+                height = taken + _TALL * (high - low)
+        placed.append((x, height))
         axes.annotate(
-            str(change).replace("_", " "),
-            (x[-1], y[-1]),
+            name,
+            (x, np.exp(height)),
             xytext=(4, 0),
             textcoords="offset points",
             va="center",
