@@ -6,6 +6,7 @@ Three cars at an intersection, ``goal`` with two players. Lines are distances of
 the equilibrium that estimators are told; where the noise is wrong, dots are those of samples.
 """
 
+from contextlib import suppress
 from pathlib import Path
 
 import shared
@@ -16,10 +17,11 @@ from misspecified import CROSSING, IN_TOWN
 
 import olne_bench as ob
 from olne_bench.bench.report.figures import style
-from olne_bench.envs.recordings.recording import NoEquilibriumError, record
+from olne_bench.envs.changes import CHANGES, wrong_noise
+from olne_bench.envs.recordings.recording import record
 from olne_bench.envs.scenarios.scenario import Scenario
 
-NOISE = ("noise_level", "student_noise", "outliers", "lagged_noise", "bias", "clock_offset")
+NOISE = [name for name, own in CHANGES.items() if own.__module__ == wrong_noise.__name__]
 SIGMA = 0.5  # [m]
 COLUMNS, PANEL = 5, (1.9, 1.45)  # panels beside each other, and their size [inch]
 COLOURS = ("#0072B2", "#D55E00", "#009E73")
@@ -71,12 +73,8 @@ def _playable(name: str, dial: float) -> Scenario:
     of = "intersection" if roads else "two_player"
     options = {"num_players": 3, "weights": "temperaments"} if roads else {"weights": "dirichlet"}
     for seed in range(20):
-        scenario = ob.scenario("changed", seed, of=of, change=name, dial=dial, options=options)
-        try:
-            record(scenario)
-        except NoEquilibriumError:
-            continue
-        return scenario
+        with suppress(ob.NoEquilibriumError):
+            return ob.scenario("changed", seed, of=of, change=name, dial=dial, options=options)
     raise RuntimeError(f"no draw of {of} with {name} {dial:g} can be played")
 
 

@@ -58,10 +58,17 @@ def _interval(row: pd.Series, column: str, form: str = "{:.2f}") -> str:
 # ----------------------------------------------------------------------------------------- people
 
 
-def _people(name: str, column: str, interval: bool = True, file: str = "summary") -> str:
-    """A figure of the study of recorded drivers: name is road, half, kind, seconds, method."""
-    road, half, kind, seconds, method = name.split("/")
-    labels = {"road": road, "half": half, "kind": kind, "ahead": float(seconds), "method": method}
+def _people(
+    road: str,
+    kind: str,
+    seconds: int,
+    method: str,
+    column: str,
+    interval: bool,
+    file: str = "summary",
+) -> str:
+    """A figure of the study of recorded drivers, of both halves of a road."""
+    labels = {"road": road, "half": "both", "kind": kind, "ahead": seconds, "method": method}
     row = _row(f"people/{file}.csv", **labels)
     return _interval(row, column) if interval else f"{row[column]:.2f}"
 
@@ -76,26 +83,15 @@ def _held() -> str:
     return f"{100 * shares.min():.0f} to {100 * shares.max():.0f}"
 
 
-PEOPLE: dict[str, Callable[[], str]] = {
-    "people.us": partial(_people, "US-101/both/all/3/game", "over_straight"),
-    "people.lankershim": partial(_people, "Lankershim/both/all/3/game", "over_straight"),
-    "people.us.idm": partial(_people, "US-101/both/all/3/idm", "over_straight", False),
-    "people.lankershim.idm": partial(_people, "Lankershim/both/all/3/idm", "over_straight", False),
-    "people.us.own": partial(_people, "US-101/both/all/3/own weights", "over_straight", False),
-    "people.lankershim.own": partial(
-        _people, "Lankershim/both/all/3/own weights", "over_straight", False
-    ),
-    "people.us.coupled": partial(_people, "US-101/both/all/3/game", "over_alone"),
-    "people.lankershim.coupled": partial(_people, "Lankershim/both/all/3/game", "over_alone"),
-    "people.us.wave": partial(_people, "US-101/both/wave/3/game", "over_alone"),
-    "people.lankershim.wave": partial(_people, "Lankershim/both/wave/3/game", "over_alone"),
-    "people.us.wave5": partial(_people, "US-101/both/wave/5/game", "over_alone", False),
-    "people.lankershim.wave5": partial(_people, "Lankershim/both/wave/5/game", "over_alone", False),
-    "people.us.weights": partial(_people, "US-101/both/all/3/own weights", "over_game"),
-    "people.lankershim.weights": partial(_people, "Lankershim/both/all/3/own weights", "over_game"),
-    "people.nash.weights": partial(
-        _people, "Nash/both/all/3/own weights", "over_game", True, "nash_summary"
-    ),
+#: Kind, seconds, method and column of figures of both roads, and whether intervals are told.
+ON_BOTH_ROADS = {
+    "": ("all", 3, "game", "over_straight", True),
+    ".idm": ("all", 3, "idm", "over_straight", False),
+    ".own": ("all", 3, "own weights", "over_straight", False),
+    ".coupled": ("all", 3, "game", "over_alone", True),
+    ".wave": ("wave", 3, "game", "over_alone", True),
+    ".wave5": ("wave", 5, "game", "over_alone", False),
+    ".weights": ("all", 3, "own weights", "over_game", True),
 }
 
 # ------------------------------------------------------------------------------------- behaviours
@@ -130,11 +126,11 @@ def _collisions(planner: str) -> str:
     return str(row["collisions"])
 
 
-def _score(study: str, error: str, estimator: str, gain: bool) -> str:
-    """Score over all roads and sensors, or by how much smaller errors are."""
-    table = _table(f"{study}/scores.csv")
+def _score(estimator: str, gain: bool) -> str:
+    """Score by position errors over all roads and sensors, or by how much smaller errors are."""
+    table = _table("roads/scores.csv")
     table = table[table["sigma"].isna()]
-    labels = {"error": error, "scenario": "all", "sensor": "all", "estimator": estimator}
+    labels = {"error": "position_error", "scenario": "all", "sensor": "all", "estimator": estimator}
     row = _one(table, labels)
     score, low, high = (row[f"score{end}"] for end in ("", "_low", "_high"))
     if not gain:
@@ -204,15 +200,12 @@ def _conformal(column: str) -> str:
     return f"{shares.min():.0f} to {shares.max():.0f}"
 
 
-def _inverse(game: str, rival: str) -> str:
-    """How many times as long another layout takes, by medians over sequences."""
-    perf = json.loads((RESULTS / "perf/perf.json").read_text())
-    return f"{perf['inverse'][game][rival]['ratio of medians']:.0f}"
-
-
-def _inverse_ms(game: str) -> str:
-    perf = json.loads((RESULTS / "perf/perf.json").read_text())
-    return f"{perf['inverse'][game]['ours_ms']:.2g}"
+def _inverse(game: str, rival: str = "") -> str:
+    """Milliseconds of the joint method; or how many times as long a rival takes, by medians."""
+    found = json.loads((RESULTS / "perf/perf.json").read_text())["inverse"][game]
+    if not rival:
+        return f"{found['ours_ms']:.2g}"
+    return f"{found[rival]['ratio of medians']:.0f}"
 
 
 def _c2st() -> str:
@@ -241,7 +234,14 @@ def _constrained(ignorant: bool) -> str:
 
 
 VALUES: dict[str, Callable[[], str]] = {
-    **PEOPLE,
+    **{
+        f"people.{name}{part}": partial(_people, road, *given)
+        for name, road in (("us", "US-101"), ("lankershim", "Lankershim"))
+        for part, given in ON_BOTH_ROADS.items()
+    },
+    "people.nash.weights": partial(
+        _people, "Nash", *ON_BOTH_ROADS[".weights"], file="nash_summary"
+    ),
     "people.held": _held,
     "results.old": lambda: f"{len(old())} of {len(SUITES) + len(MODULES)}",
     "behaviours.motions": lambda: str(_decided()[0]),
@@ -262,8 +262,8 @@ VALUES: dict[str, Callable[[], str]] = {
     "encounters.drives": lambda: str(
         _row("encounters/quarters.csv", quarter="all", planner="map")["drives"]
     ),
-    "roads.map.score": partial(_score, "roads", "position_error", "map", False),
-    "roads.map.gain": partial(_score, "roads", "position_error", "map", True),
+    "roads.map.score": partial(_score, "map", False),
+    "roads.map.gain": partial(_score, "map", True),
     "posterior.regions": lambda: f"{_regions()[0]:,}",
     "posterior.held": lambda: f"{_regions()[1]:,}",
     "posterior.share": _regions_share,
@@ -284,8 +284,8 @@ VALUES: dict[str, Callable[[], str]] = {
     "perf.five.published": partial(_inverse, "highway_overtaking", "published"),
     "perf.two.zero": partial(_inverse, "two_player", "published, zero"),
     "perf.five.zero": partial(_inverse, "highway_overtaking", "published, zero"),
-    "perf.two.ms": partial(_inverse_ms, "two_player"),
-    "perf.five.ms": partial(_inverse_ms, "highway_overtaking"),
+    "perf.two.ms": partial(_inverse, "two_player"),
+    "perf.five.ms": partial(_inverse, "highway_overtaking"),
     **{
         f"damage.{estimator}.{change}": partial(_damage, change, dial, estimator)
         for estimator in ("robust", "posterior")

@@ -6,7 +6,7 @@
 
 ``results/versions.csv`` holds the fingerprints of the code that made a study: of each estimator,
 scenario and sensor of a suite and of its scoring, or of the modules that a script uses. Versions of
-libraries are not compared. ``docs/findings.md`` names what is old, and a test compares.
+libraries are not compared. ``docs/findings.md`` says how many are old, and a test compares.
 """
 
 from collections.abc import Iterator
@@ -71,10 +71,9 @@ def remember(study: str, parts: dict[str, str]) -> None:
 
 def versions_in(rows: pd.DataFrame) -> dict[str, str]:
     """Parts and versions of the rows of a run; a part of several versions has all."""
-    places = {"estimator": "estimator", "scenario": "scenario", "sensor": "sensor"}
     found: dict[str, set[str]] = {"scoring": set(rows["scoring_version"])}
-    for kind, column in places.items():
-        for label, own in rows.groupby(column)[f"{kind}_version"]:
+    for kind in ("estimator", "scenario", "sensor"):
+        for label, own in rows.groupby(kind)[f"{kind}_version"]:
             found[f"{kind} {label}"] = set(own)
     return {part: " ".join(sorted(all_)) for part, all_ in found.items() if all_ != {""}}
 
