@@ -33,6 +33,7 @@ from olne_bench.envs.scenarios import (
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.map import Map
 from olne_bench.estimators.particle import Particle
+from olne_bench.estimators.posterior import Posterior
 from olne_bench.estimators.protocol import Problem
 from olne_bench.estimators.shared.incoming_samples import warm_up_stream
 from olne_bench.estimators.ukf import Ukf
@@ -50,6 +51,7 @@ ESTIMATORS: dict[str, Any] = {
     "kkt_constrained": KktConstrained,
     "ukf": Ukf,
     "particle": Particle,
+    "posterior": Posterior,
 }
 SIGMAS = (0.1, 0.5)
 #: Of ``updates``: methods; scenarios, players and noise levels; and percentiles.

@@ -135,16 +135,16 @@ def predict_from_start(draw: Draw, theta: np.ndarray, root_iterations: int) -> P
 def ahead(draw: Draw, theta: np.ndarray, seconds: float) -> tuple[np.ndarray, np.ndarray] | None:
     """What follows a draw's last true state: what happens, and what the game at theta predicts.
 
-    States (S+1, N, n) twice, the last true ones first; None where either is not found.
+    Players plan as far ahead as in the game that was seen, or farther where more is asked. States
+    (S+1, N, n) twice, the last true ones first; None where either is not found.
     """
-    recording = true_recording(draw)
-    steps = max(1, round(seconds / recording.scenario.game.dt))
-    follows = _continuation(draw, steps)
-    game, weights = recording.scenario.told, theta[:, : recording.scenario.told.num_weights]
-    if game.parameters.count:
-        game = game.known(game.parameters.values(theta[:, game.num_weights :]))
-    found = None if follows is None else _goes_on(game, weights, recording.states[-1], steps)
-    return None if follows is None or found is None else (follows, found)
+    game = true_recording(draw).scenario.game
+    steps = max(1, round(seconds / game.dt))
+    horizon = max(game.horizon, steps + 1)
+    follows, found = _continuation(draw, horizon), _foreseen(draw, theta.tobytes(), horizon)
+    if follows is None or found is None:
+        return None
+    return follows[: steps + 1], found[: steps + 1]
 
 
 def unit_cosine_limit(
@@ -229,23 +229,34 @@ def _nearby(draw: Draw, count: int, purpose: str) -> tuple[Recording, ...]:
 
 
 @lru_cache(maxsize=64)
-def _continuation(draw: Draw, steps: int) -> np.ndarray | None:
-    """What players do after a draw's last state, (S+1, N, n); None where that is not found."""
+def _continuation(draw: Draw, horizon: int) -> np.ndarray | None:
+    """What players do from a draw's last state on, (T, N, n); None where that is not found."""
     recording = true_recording(draw)
     scenario, last = recording.scenario, recording.states[-1]
     if scenario.departure is None:
-        return _goes_on(scenario.game, scenario.weights, last, steps)
+        return _goes_on(scenario.game, scenario.weights, last, horizon)
     everybody = last if recording.everybody is None else recording.everybody
     try:
-        return scenario.departure.driven(everybody, steps + 1)[:, : len(last)]
+        return scenario.departure.driven(everybody, horizon)[:, : len(last)]
     except NoEquilibriumError:
         return None
 
 
-def _goes_on(game: Game, weights: np.ndarray, last: np.ndarray, steps: int) -> np.ndarray | None:
-    """The equilibrium of the steps that follow a state (N, n); None if none is found."""
+@lru_cache(maxsize=8)
+def _foreseen(draw: Draw, theta: bytes, horizon: int) -> np.ndarray | None:
+    """What the told game at theta (N, K + U) expects from there on, as ``_continuation``."""
+    recording = true_recording(draw)
+    game, shape = recording.scenario.told, recording.scenario.theta.shape
+    weights, unknown = np.split(np.frombuffer(theta).reshape(shape), [game.num_weights], axis=1)
+    if game.parameters.count:
+        game = game.known(game.parameters.values(unknown))
+    return _goes_on(game, weights, recording.states[-1], horizon)
+
+
+def _goes_on(game: Game, weights: np.ndarray, last: np.ndarray, horizon: int) -> np.ndarray | None:
+    """The equilibrium over T = ``horizon`` states from a state (N, n); None if none is found."""
     try:
-        found = solve_olne(replace(game, horizon=steps + 1), weights, last, max_rounds=_ROUNDS)
+        found = solve_olne(replace(game, horizon=horizon), weights, last, max_rounds=_ROUNDS)
     except ValueError:  # the state breaks a constraint
         return None
     return found.states if found.certificate.passed else None

@@ -13,6 +13,8 @@ from olne_bench.bench.judge.metrics.judged import Judged
 class AheadError:
     """Position error some seconds after the last sample, predicted from the last true state.
 
+    Players plan as far as in the game that was seen, or as far as is asked if that is more.
+
     Attributes:
         seconds: time ahead [s].
     """
