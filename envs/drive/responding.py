@@ -49,6 +49,8 @@ _REFINED = 2
 _COMPARED = 4
 #: Differences of steering [rad] and acceleration [m/s^2] that count alike between plans.
 _SCALE = np.array([0.1, 2.0])
+#: In these units, plans this near to each other are the same.
+_SAME = 1e-3
 
 
 @dataclass
@@ -139,8 +141,11 @@ class RespondingPlanner(Planner):
 
         ways = played(self._starts(state))
         for _ in range(_ROUNDS):
+            cheapest = ways.costs.min()
             own = self._responses(game, *ways.best, ways.controls[:, :, 0])
             ways = ways.with_more(played(own)) if len(own) else ways
+            if not ways.costs.min() < cheapest:  # another round would respond to the same motion
+                break
         return ways
 
     def _starts(self, state: np.ndarray) -> np.ndarray:
@@ -168,9 +173,10 @@ class RespondingPlanner(Planner):
         free = replace(game, constraints=())
         found = best_responses(free, 0, starts, motion, controls, theta)
         good, chosen = np.flatnonzero(found.converged), []
-        for index in good[np.argsort(found.costs[good])][:_REFINED]:
+        good = good[np.argsort(found.costs[good])]
+        for own in different(found.controls[good])[:_REFINED]:
             joint = controls.copy()
-            joint[:, 0] = own = found.controls[index]
+            joint[:, 0] = own
             states = rollout(MOTION, motion[0], joint, STEP)
             if gap(states[:, :1], motion[:, 1:]).min(initial=np.inf) < LEAST_GAP:
                 refined = ego_response(game, motion, joint, weights)
@@ -223,6 +229,15 @@ class _Ways:
 def _kind(motion: np.ndarray) -> str:
     apart = gap(motion[1:, :1], motion[1:, 1:]).min(initial=np.inf)
     return CONSTRAINED if apart > 0 else UNCONSTRAINED
+
+
+def different(plans: np.ndarray) -> list[np.ndarray]:
+    """Those of plans (C, T-1, 2) that are not like one before: most starts lead to one response."""
+    taken: list[np.ndarray] = []
+    for plan in plans:
+        if all(np.abs((plan - other) / _SCALE).max() > _SAME for other in taken):
+            taken.append(plan)
+    return taken
 
 
 def _apart(ways: _Ways, most: int) -> np.ndarray:

@@ -8,7 +8,7 @@ from olne_bench.envs.drive.ego_seen import AverageEgo
 from olne_bench.envs.drive.nash_traffic import REPLAN
 from olne_bench.envs.drive.others import Others
 from olne_bench.envs.drive.planner import HORIZON
-from olne_bench.envs.drive.responding import RespondingPlanner
+from olne_bench.envs.drive.responding import RespondingPlanner, different
 from olne_bench.games.solve.best_response import grown_plans
 from tests.envs.drive.conftest import MERGE, true_minds
 
@@ -65,3 +65,14 @@ def test_an_ego_without_others_plans_for_itself(meeting: Meeting) -> None:
     plan = RespondingPlanner(MERGE, cars[0], SEEN).plan(true_minds(cars)[:1], states[:1])
     assert plan.numbers == (0,)
     assert np.isfinite(plan.controls).all()
+
+
+def test_a_response_that_many_starts_lead_to_is_made_to_keep_the_distance_once() -> None:
+    plans = np.zeros((4, 20, 2))
+    plans[1, 3] = 1e-5, 1e-4  # the same to within what a solver leaves
+    plans[2, 5, 1] = 0.5
+    plans[3] = plans[2]
+    kept = different(plans)
+    assert len(kept) == 2
+    assert (kept[0] == plans[0]).all() and (kept[1] == plans[2]).all()
+    assert different(plans[:0]) == []
