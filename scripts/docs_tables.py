@@ -93,7 +93,7 @@ def damage() -> pd.DataFrame:
     """Suite ``misspecified`` on the highway: errors over those of the true model, and coverage."""
     table = pd.read_csv(RESULTS / "misspecified/damage.csv")
     shown = ["map", "robust", "imperfect"]
-    table = table[table["estimator"].isin(shown)]
+    table = table[table["estimator"].isin(shown) & (table["of"] == "highway")]
     names = [f"{row.change}&nbsp;{row.dial:g}" for row in table.itertuples()]
     table = table.assign(share=_cells(table, "covers_truth_share"), change=names)
     cells = _pairs(table.round(1), "{}&nbsp;({})", "cosine_error_ratio", "share")

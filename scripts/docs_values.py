@@ -193,9 +193,16 @@ def _damage(change: str, dial: float, estimator: str) -> str:
     return f"{100 * row['covers_truth_share']:.0f}"
 
 
+def _ahead_of_map(change: str, whose: str) -> str:
+    """Median error 2 s ahead on the highway over that of ``map``; ``truth`` are true weights."""
+    row = _row("misspecified/ahead.csv", scenario=f"highway, {change}")
+    return f"{row[whose] / row['map']:.2f}"
+
+
 def _conformal(column: str) -> str:
     """Range over changes and seconds of the share of draws that discs of ``map`` hold."""
     table = _table("misspecified/conformal.csv")
+    table = table[table["scenario"].str.startswith("highway,")]
     shares = 100 * table[table["estimator"] == "map"][column]
     return f"{shares.min():.0f} to {shares.max():.0f}"
 
@@ -274,6 +281,10 @@ VALUES: dict[str, Callable[[], str]] = {
     "again.meet": partial(_again, "position_error"),
     "again.cosine": partial(_again, "cosine_error"),
     "references.c2st": _c2st,
+    "ahead.told": partial(_ahead_of_map, "as told", "imperfect"),
+    "ahead.replanning": partial(_ahead_of_map, "replanning 0.4", "imperfect"),
+    "ahead.entropic": partial(_ahead_of_map, "entropic 0.01", "imperfect"),
+    "ahead.entropic.truth": partial(_ahead_of_map, "entropic 0.01", "truth"),
     "conformal.held": partial(_conformal, "held"),
     "conformal.told": partial(_conformal, "held_as_told"),
     "constrained.known": partial(_constrained, False),

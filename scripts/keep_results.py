@@ -15,10 +15,13 @@ import sys
 from pathlib import Path
 
 import shared
+import pandas as pd
 import pyarrow as pa
 from PIL import Image
 from pyarrow import parquet
 
+from olne_bench.bench.report.figures import style
+from olne_bench.bench.report.figures.damage import draw as draw_damage
 from olne_bench.bench.run.store_table import parquet_options
 
 RESULTS = Path(__file__).parents[1] / "results"
@@ -30,6 +33,8 @@ FIGURES = {
     **dict.fromkeys(("field", "sensors", "parameters", "constrained"), ("errors_*.png",)),
     "calibration": ("calibration_*.png", "widths_*.png", "identifiability_*.png"),
 }
+DRAWN = ("map", "robust", "imperfect")
+WITH_DISCS = (*DRAWN, "posterior", "uniform")
 SMALL = ("roads", "parameters", "constrained")
 LABELS = ["scenario", "sensor", "sigma", "seed", "salt_id", "estimator", "count", "status"]
 NUMBERS = ["position_error", "held_out_error", "cosine_error", "parameter_error", "solve_seconds"]
@@ -49,6 +54,8 @@ def main(runs: Path) -> int:
         call("scripts/known_cells.py", runs / "calibration")
         call("scripts/two_modes.py")
         fewer_colours(RESULTS / "calibration")
+    if parts := sorted(runs.glob("misspecified*")):
+        keep_damage(parts, RESULTS / "misspecified")
     copy(runs / "roads", RESULTS / "roads", "comparisons.csv")
     copy(runs / "predictions", RESULTS / "predictions", "summary.csv", "over_time.csv")
     copy(runs / "predictions", RESULTS / "predictions", "comparisons.csv")
@@ -79,6 +86,28 @@ def keep(run: Path, out: Path, figures: tuple[str, ...]) -> None:
     for path in (out / "figures").glob("*, unknown speeds.png"):
         path.unlink()
     fewer_colours(out)
+
+
+def keep_damage(parts: list[Path], out: Path) -> None:
+    """Copy what wrong models cost, from runs of parts of the suite; pictures of a few methods."""
+    out.mkdir(exist_ok=True)
+    kept: dict[str, list[pd.DataFrame]] = {"damage": [], "conformal": []}
+    for run in parts:
+        call("-m", "olne_bench", "report", run, "--no-figures")
+        for name, tables in kept.items():
+            tables.append(pd.read_csv(run / f"{name}.csv"))
+        damage = kept["damage"][-1]
+        with style.applied():
+            figure = draw_damage(damage[damage["estimator"].isin(DRAWN)])
+            style.save(figure, out / run.name.replace("misspecified", "damage"), ["png"])
+    for name, tables in kept.items():
+        whole = pd.concat(tables)
+        if name == "conformal":
+            whole = whole[whole["estimator"].isin(WITH_DISCS)]
+        whole.to_csv(out / f"{name}.csv", index=False, float_format="%.4g")
+    fewer_colours(out)
+    call("scripts/truth_ahead.py", *parts)
+    call("scripts/stale_results.py", "--record", "misspecified", "--run", *parts)
 
 
 def copy(run: Path, out: Path, *patterns: str) -> None:

@@ -46,19 +46,27 @@ MODULES = {
 }
 
 
-def main(record: tuple[str, ...] = (), run: Path | None = None) -> int:
-    """List what is old, after recording some by the present code, or by the rows of a run."""
+def main(record: tuple[str, ...] = (), run: tuple[Path, ...] = ()) -> int:
+    """List what is old, after recording some by the present code, or by the rows of runs."""
     for study in record:
         if study not in {*SUITES, *MODULES}:
             known = ", ".join(sorted({*SUITES, *MODULES}))
             print(f"no study {study!r}; there are {known}")
             return 2
     for study in record:
-        remember(study, _rows(study) if run is None else versions_in(ob.read(run).trials))
+        rows = [ob.read(part).trials for part in run]
+        remember(study, versions_in(pd.concat(rows)) if rows else _rows(study))
     changed = {study: _changed(study) for study in sorted({*SUITES, *MODULES})}
     for study, parts in changed.items():
-        print(f"{study}: {'made by this code' if not parts else 'older: ' + ', '.join(parts)}")
+        print(f"{study}: {_said(parts) or 'made by this code'}")
     return int(any(changed.values()) and not record)
+
+
+def _said(parts: list[str]) -> str:
+    """What has changed, and of much, the first; empty if nothing has."""
+    others = f" and {len(parts) - 3} others" if len(parts) > 4 else ""
+    few = parts[:3] if others else parts
+    return f"older: {'; '.join(few)}{others}" if few else ""
 
 
 def remember(study: str, parts: dict[str, str]) -> None:

@@ -11,6 +11,8 @@ from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.formats import NotDrawnError
 
 _SIZE = 3.6, 3.2  # of a panel [inch]
+#: Panels at most: the methods made for wrong models are last.
+_MOST = 9
 #: Room of a name: in shares noticed, and of the ordinate.
 _WIDE, _TALL = 0.3, 0.035
 #: Colours of kinds of changes.
@@ -44,7 +46,7 @@ def draw(table: pd.DataFrame) -> Figure:
         ["noticed", "log"]
     ].mean()
     names = style.estimator_order(means["estimator"].tolist())
-    figure, axes = style.grid(names, _SIZE)
+    figure, axes = style.grid(names, _SIZE, _MOST)
     for name, panel in zip(names, axes, strict=False):
         _panel(panel, means[means["estimator"] == name], _ERRORS[error])
     style.entitle(figure, "What a wrong model costs, over what the fit test notices of it")

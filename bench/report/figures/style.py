@@ -210,9 +210,11 @@ def legend_below(figure: Figure, entries: Entries) -> None:
         text.set_text(name)
 
 
-def grid(titles: Sequence[str], size: tuple[float, float]) -> tuple[Figure, list[Axes]]:
-    """A figure with a panel of a size [inch] for each of the first six titles."""
-    number = min(len(titles), MOST_PANELS)
+def grid(
+    titles: Sequence[str], size: tuple[float, float], most: int = MOST_PANELS
+) -> tuple[Figure, list[Axes]]:
+    """A figure with a panel of a size [inch] for each of the first titles, six or so many."""
+    number = min(len(titles), most)
     columns = min(number, 2 if number == 4 else _COLUMNS)
     rows = -(-number // columns)
     figure = Figure(figsize=(max(columns * size[0], 4.8), rows * size[1] + 0.5))
