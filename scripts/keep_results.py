@@ -33,6 +33,7 @@ FIGURES = {
     **dict.fromkeys(("field", "sensors", "parameters", "constrained"), ("errors_*.png",)),
     "calibration": ("calibration_*.png", "widths_*.png", "identifiability_*.png"),
 }
+FEWEST = 30  # draws of a world: others are not finished
 DRAWN = ("map", "robust", "imperfect")
 WITH_DISCS = (*DRAWN, "posterior", "uniform")
 SMALL = ("roads", "parameters", "constrained")
@@ -96,12 +97,13 @@ def keep_damage(parts: list[Path], out: Path) -> None:
         call("-m", "olne_bench", "report", run, "--no-figures")
         for name, tables in kept.items():
             tables.append(pd.read_csv(run / f"{name}.csv"))
-        damage = kept["damage"][-1]
+        damage = kept["damage"][-1].query(f"trials >= {FEWEST}")
         with style.applied():
             figure = draw_damage(damage[damage["estimator"].isin(DRAWN)])
             style.save(figure, out / run.name.replace("misspecified", "damage"), ["png"])
-    for name, tables in kept.items():
+    for (name, tables), count in zip(kept.items(), ("trials", "draws"), strict=True):
         whole = pd.concat(tables)
+        whole = whole[whole[count] >= FEWEST]
         if name == "conformal":
             whole = whole[whole["estimator"].isin(WITH_DISCS)]
         whole.to_csv(out / f"{name}.csv", index=False, float_format="%.4g")

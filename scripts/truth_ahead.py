@@ -21,6 +21,7 @@ from olne_bench.envs.scenarios.scenario import NoEquilibriumError
 from olne_bench.front.studies import StudyRun
 
 SECONDS = 2.0
+FEWEST = 30  # draws of a world: others are not finished
 METHODS = ("map", "robust", "imperfect", "uniform")
 OUT = Path(__file__).parents[1] / "results/misspecified"
 
@@ -38,6 +39,8 @@ def errors_in(study: StudyRun) -> Iterator[dict[str, object]]:
     worlds = {one.label: one for one in suite.scenarios}
     chosen = trials[trials["estimator"].isin(METHODS)]
     for label, own in chosen.groupby("scenario", sort=False):
+        if own["seed"].nunique() < FEWEST:
+            continue
         errors = own.pivot_table(index="seed", columns="estimator", values=f"ahead_{SECONDS:g}s")
         draws = [Draw.of(worlds[str(label)], int(seed), suite.salt) for seed in errors.index]
         errors["truth"] = [of_truth(draw) for draw in draws]
