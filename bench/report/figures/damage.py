@@ -49,7 +49,9 @@ def draw(table: pd.DataFrame) -> Figure:
     figure, axes = style.grid(names, _SIZE, _MOST)
     for name, panel in zip(names, axes, strict=False):
         _panel(panel, means[means["estimator"] == name], _ERRORS[error])
-    style.entitle(figure, "What a wrong model costs, over what the fit test notices of it")
+    scenarios = tested["of"].unique()
+    only = f" ({scenarios[0]})" if len(scenarios) == 1 else ""
+    style.entitle(figure, f"What a wrong model costs, over what the fit test notices of it{only}")
     entries = [(Line2D([], [], color=c, marker="o", markersize=4), k) for k, c in _KINDS.items()]
     style.legend_below(figure, entries)
     return figure
