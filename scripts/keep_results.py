@@ -19,6 +19,7 @@ import pandas as pd
 import pyarrow as pa
 from PIL import Image
 from pyarrow import parquet
+from truth_ahead import FEWEST
 
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.figures.damage import draw as draw_damage
@@ -33,7 +34,6 @@ FIGURES = {
     **dict.fromkeys(("field", "sensors", "parameters", "constrained"), ("errors_*.png",)),
     "calibration": ("calibration_*.png", "widths_*.png", "identifiability_*.png"),
 }
-FEWEST = 30  # draws of a world: others are not finished
 DRAWN = ("map", "robust", "imperfect")
 WITH_DISCS = (*DRAWN, "posterior", "uniform")
 SMALL = ("roads", "parameters", "constrained")
