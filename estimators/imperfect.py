@@ -20,9 +20,14 @@ takes from the errors:
 with residuals r, their derivative J and the prior's precision P. Peak and variances are found in
 turn.
 
+Who plans again and again does not stop planning at the last sample: at step t, its plan of T states
+ends at t + T, in the mean half a recording later. So where kicks explain the samples far better
+than none, the game is taken that ends by half of the recording later, unless the evidence for the
+told end is very strong (Laplace's approximation of the integral of I2).
+
 Paper: none; restricted likelihood after Patterson and Thompson 1971.
 Assumes: what ``posterior`` does, but for kicks.
-Cost: that of ``posterior`` and a half.
+Cost: that of ``posterior`` and a half, twice as much where games of other ends are tried.
 Trust: its weights, where players act at random around an equilibrium, or plan again and again. It
     predicts as if no further kick came.
 """
@@ -39,11 +44,13 @@ from scipy.optimize import minimize
 
 from olne_bench.estimators.posterior import Posterior, different_peaks
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.shared.forward_model import SolvedGame
 from olne_bench.estimators.shared.perturbed_fits import Fits, Peak
 from olne_bench.estimators.shared.posterior_density import GameDensity, Places, climbed
 from olne_bench.estimators.shared.trajectory_fit import guess_controls
 from olne_bench.games.compiled.row_functions import RowFunction
 from olne_bench.games.model.dynamics import Dynamics
+from olne_bench.games.solve.root_following import from_independent_players
 
 #: Rounds of peak and variances at most, and the change of coordinates that ends them.
 _ROUNDS, _STILL = 4, 0.01
@@ -52,6 +59,8 @@ _ROUNDS, _STILL = 4, 0.01
 _FIRST, _LEAST, _MOST = -2.0, -12.0, 8.0
 #: Twice the gain of log likelihood from which on kicks are told.
 _TOLD = 9.2
+#: Difference of log evidence that is very strong (Kass and Raftery 1995).
+_STRONG = 5.0
 
 
 @dataclass(frozen=True)
@@ -59,6 +68,7 @@ class KickedDensity(GameDensity):
     """(I2)."""
 
     kicks: "Kicks" = field(kw_only=True)
+    beyond: int = 0  # steps of the game behind the last sample
 
     def whitened(self, places: Places) -> Places:
         """Places of the density without kicks as those of this one."""
@@ -133,18 +143,38 @@ class Imperfect(Posterior):
     def peaks(
         self, problem: Problem, observation: Observation, deadline: float
     ) -> tuple[GameDensity, list[Peak]]:
-        plain, peaks = super().peaks(problem, observation, deadline)
-        if not peaks:
-            return plain, peaks
-        place = peaks[0].place
-        for _ in range(_ROUNDS):
-            kicks = Kicks.most_likely(place, _moved(plain, place))
-            density = KickedDensity(**vars(plain), kicks=kicks)
-            before, found = place.points, climbed(density, density.whitened(place))
-            place = plain.reach(found.points, place)
-            if not place.possible[0] or np.abs(place.points - before).max() < _STILL:
-                break
-        return density, different_peaks(density, (density.whitened(one.place) for one in peaks))
+        known = problem, observation, deadline
+        found = self._kicked(*known)
+        if found is None:
+            return self.density(*known), []
+        if found[0].kicks.gain < _TOLD:
+            return found
+        later = self._kicked(*known, problem.game.horizon // 2, found)
+        if later is None or _log_mass(found) - _log_mass(later) > _STRONG:
+            return found
+        return later
+
+    def _kicked(
+        self,
+        problem: Problem,
+        observation: Observation,
+        deadline: float,
+        beyond: int = 0,
+        near: tuple[KickedDensity, list[Peak]] | None = None,
+    ) -> tuple[KickedDensity, list[Peak]] | None:
+        """(I2) of a game that ends so many steps behind the last sample; None without a peak."""
+        known = _going_on(problem, observation, beyond)
+        plain, peaks = super().peaks(*known, deadline)
+        places = [one.place for one in peaks]
+        if near is not None:
+            places += _same_weights(plain, *near)
+        every = []
+        for place in places:
+            kicks = _settled(plain, place)
+            density = KickedDensity(**vars(plain), kicks=kicks, beyond=beyond)
+            kicked = different_peaks(density, map(density.whitened, places))
+            every += [(density, kicked)] if kicked else []
+        return max(every, key=_log_mass, default=None)
 
     def _estimate(
         self,
@@ -158,11 +188,57 @@ class Imperfect(Posterior):
         kicks, names = density.kicks, density.problem.game.dynamics.control_names
         sizes = dict(zip(names, map(float, kicks.deviations), strict=True))
         extras = {**found.extras, **{f"kick_{name}": size for name, size in sizes.items()}}
-        if kicks.gain < _TOLD:
-            return replace(found, extras=extras)
-        told = ", ".join(f"{name} by {size:.2g}" for name, size in sizes.items())
-        message = "; ".join(filter(None, [found.message, f"players leave the equilibrium: {told}"]))
-        return replace(found, message=message, extras=extras)
+        later = extras["plans_later"] = density.beyond * density.problem.game.dt
+        said = [found.message]
+        if kicks.gain >= _TOLD:
+            told = ", ".join(f"{name} by {size:.2g}" for name, size in sizes.items())
+            said.append(f"players leave the equilibrium: {told}")
+        if density.beyond:
+            said.append(f"players plan for {later:.2g} s behind the last sample")
+        count = density.problem.game.horizon - density.beyond
+        states = None if found.states is None else found.states[:count]
+        return replace(found, states=states, message="; ".join(filter(None, said)), extras=extras)
+
+
+def _log_mass(found: tuple[KickedDensity, list[Peak]]) -> float:
+    """Laplace's approximation of log integral of (I2), with the volume of its whitening."""
+    density, (peak, *_) = found
+    return peak.log_mass + float(np.log(np.diag(density.kicks.whitening)).sum())
+
+
+def _settled(density: GameDensity, place: Places) -> Kicks:
+    """Kicks and the peak near a place, found in turn."""
+    for _ in range(_ROUNDS):
+        kicks = Kicks.most_likely(place, _moved(density, place))
+        kicked = KickedDensity(**vars(density), kicks=kicks)
+        before, found = place.points, climbed(kicked, kicked.whitened(place))
+        place = density.reach(found.points, place)
+        if not place.possible[0] or np.abs(place.points - before).max() < _STILL:
+            break
+    return kicks
+
+
+def _same_weights(
+    density: GameDensity, other: KickedDensity, peaks: Sequence[Peak]
+) -> list[Places]:
+    """The place of the weights and the start of another density's peak, if there is a game."""
+    theta, starts = (part[0] for part in other.split(peaks[0].place.points))
+    game, count = density.problem.game, density.problem.game.num_weights
+    root = from_independent_players(game, starts, np.zeros(game.control_shape), theta)
+    if root is None:
+        return []
+    unknown = theta[:, count:] if game.parameters.count else None
+    place = density.place(SolvedGame(root, theta[:, :count], unknown))
+    return [place] if place.possible[0] else []
+
+
+def _going_on(
+    problem: Problem, observation: Observation, beyond: int
+) -> tuple[Problem, Observation]:
+    """The same of a game that ends so many steps later, of which no more is seen."""
+    game = replace(problem.game, horizon=problem.game.horizon + beyond)
+    unseen = np.full((beyond, *observation.y.shape[1:]), np.nan)
+    return replace(problem, game=game), Observation(np.concatenate([observation.y, unseen]))
 
 
 def _moved(density: GameDensity, place: Places) -> np.ndarray:

@@ -97,6 +97,36 @@ def test_weights_are_nearer_and_their_regions_wider(kicked):
     assert np.mean(errors["imperfect"]) < 0.8 * np.mean(errors["map"])
 
 
+def test_players_that_plan_again_are_known_to_plan_on(kicked):
+    problem, make = kicked
+    game, errors, later = problem.game, {Map: [], Imperfect: []}, []
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        (observation, weights), states = make(0.0, seed), []
+        at = observation.y[0]
+        while len(states) < game.horizon:
+            plan = solve_olne(game, weights, at).states
+            states += [*plan[:3]]
+            at = plan[3]
+        true = np.array(states[: game.horizon])
+        seen = Observation(true + SIGMA * rng.standard_normal(true.shape))
+        follows = solve_olne(game, weights, true[-1]).states
+        for kind, off in errors.items():
+            found = estimated(kind(), problem, seen)
+            off.append(np.abs(solve_olne(game, found.weights, true[-1]).states - follows).max())
+        assert found.states.shape == true.shape
+        later.append(found.extras["plans_later"])
+    assert np.median(later) > 0
+    assert "players plan for" in found.message
+    assert np.mean(errors[Imperfect]) < 0.7 * np.mean(errors[Map])
+
+
+def test_players_that_do_not_plan_again_plan_to_the_last_sample(kicked):
+    problem, make = kicked
+    found = [estimated(Imperfect(), problem, make(0.0, seed)[0]) for seed in range(3)]
+    assert all(one.extras["plans_later"] == 0 for one in found)
+
+
 def test_gaps_stay_gaps(kicked):
     problem, make = kicked
     observation, _ = make(0.05)
