@@ -121,9 +121,10 @@ def _encounter(quarter: str, planner: str, other: str, column: str = "difference
     return f"{row[column]:.1g}"
 
 
-def _collisions(planner: str) -> str:
+def _drives(planner: str, column: str) -> str:
+    """A number of all encounters of a planner, to the whole."""
     row = _row("encounters/quarters.csv", quarter="all", planner=planner)
-    return str(row["collisions"])
+    return f"{row[column]:.0f}"
 
 
 def _score(estimator: str, gain: bool) -> str:
@@ -263,12 +264,12 @@ VALUES: dict[str, Callable[[], str]] = {
     "encounters.p": partial(_encounter, "4", "map", "uniform", "p_holm"),
     "encounters.straight": partial(_encounter, "all", "map", "constant_velocity"),
     "encounters.straight.p": partial(_encounter, "all", "map", "constant_velocity", "p_holm"),
-    "encounters.map": partial(_collisions, "map"),
-    "encounters.oracle": partial(_collisions, "oracle"),
-    "encounters.constant": partial(_collisions, "constant_velocity"),
-    "encounters.drives": lambda: str(
-        _row("encounters/quarters.csv", quarter="all", planner="map")["drives"]
-    ),
+    "encounters.map": partial(_drives, "map", "collisions"),
+    "encounters.oracle": partial(_drives, "oracle", "collisions"),
+    "encounters.constant": partial(_drives, "constant_velocity", "collisions"),
+    "encounters.drives": partial(_drives, "map", "drives"),
+    "encounters.cycle": partial(_drives, "map", "cycle_99"),
+    "encounters.samples": partial(_drives, "map_contingency", "cycle_99"),
     "roads.map.score": partial(_score, "map", False),
     "roads.map.gain": partial(_score, "map", True),
     "posterior.regions": lambda: f"{_regions()[0]:,}",
@@ -283,6 +284,7 @@ VALUES: dict[str, Callable[[], str]] = {
     "references.c2st": _c2st,
     "ahead.told": partial(_ahead_of_map, "as told", "imperfect"),
     "ahead.replanning": partial(_ahead_of_map, "replanning 0.4", "imperfect"),
+    "ahead.stock": partial(_ahead_of_map, "stock 1", "imperfect"),
     "ahead.entropic": partial(_ahead_of_map, "entropic 0.01", "imperfect"),
     "ahead.entropic.truth": partial(_ahead_of_map, "entropic 0.01", "truth"),
     "conformal.held": partial(_conformal, "held"),
