@@ -129,7 +129,7 @@ class Robust:
             shown = Observation(noise.shown, seen.extra)
             fit = method.estimate(_told(problem, noise.level), shown, rng=rng, budget=left)
             fitted = _Fitted.of(problem, seen, fit)
-            if fitted is None:
+            if fitted is None or not np.median(np.abs(fitted.away)):  # who stands is as expected
                 return None
             noise = self._seen_in(fitted)
             if before is not None and fitted.moved(before) < _STILL * noise.sigma:
@@ -175,7 +175,10 @@ class _Fitted:
 
     @classmethod
     def of(cls, problem: Problem, seen: Observation, fit: Estimate) -> "_Fitted | None":
-        """None where there is no motion, no regular equilibrium, or too few samples."""
+        """None where there is no regular equilibrium, too few samples, or nothing is left.
+
+        Recorded cars that stand are exactly where they are expected.
+        """
         if fit.states is None or not fit.converged:
             return None
         game = game_of_motion(problem.game, fit.states, fit.theta(problem.game))
@@ -192,7 +195,7 @@ class _Fitted:
         expected = expected_samples(problem, fit.states)
         away = (scaled_samples(problem, seen.y) - expected)[there.reshape(expected.shape)]
         made = cls(problem, there, expected, away, keeps)
-        return made if made.left >= _FEWEST else None
+        return made if made.left >= _FEWEST and np.median(np.abs(away)) else None
 
     @property
     def left(self) -> float:

@@ -52,6 +52,7 @@ def estimate(
     estimator: str,
     episode: int,
     noise: float | None,
+    ahead: float,
     targets: str,
     budget: float,
     out: Path | None,
@@ -62,10 +63,10 @@ def estimate(
     known = read_episode(recording, episode)
     states, players = known.states[episode], known.metadata.episodes[episode].players
     _check_seen(recording, states, players)
-    _check_length(recording, len(states), known.metadata.dt)
+    _check_length(recording, len(states), known.metadata.dt, ahead)
     name = scenario or _named(recording, known.metadata.scenario)
     with loading(name):
-        explained = explain(name, seed, known, episode, noise, free=targets == FREE)
+        explained = explain(name, seed, known, episode, noise, targets == FREE, ahead)
     problem, y = recorded_problem(explained, known.metadata.state_names, states, noise)
     _say_assumptions(name, known.metadata.dt, explained.assumptions)
     for warning in explained.warnings:
@@ -89,13 +90,16 @@ def recorded_problem(
 ) -> tuple[Problem, np.ndarray]:
     """The problem that states (T, N, n) with these names pose, and samples (T, N, d).
 
-    Without a noise level [m], the roughness of the tracks is a guess of it.
+    Samples are missing where the game ends later. Without a noise level [m], the roughness of the
+    tracks is a guess of it.
     """
-    view, y = _observation(explained.scenario.game, names, states)
+    game = explained.scenario.game
+    view, seen = _observation(game, names, states)
+    y = np.full((game.horizon, *seen.shape[1:]), np.nan)
+    y[: len(seen)] = seen
     level = noise or max(LEAST_NOISE, float(np.nan_to_num(explained.noise)))
     scale = sensor_model(explained.scenario, (view,)).noise_scale
     spread = 0.0 if noise else NOISE_SPREAD
-    game = explained.scenario.game
     return Problem(game, view, sigma=level, noise_scale=scale, sigma_spread=spread), y
 
 
@@ -117,8 +121,13 @@ def _check_seen(path: Path, states: np.ndarray, players: list[str]) -> None:
             )
 
 
-def _check_length(path: Path, steps: int, dt: float) -> None:
-    if steps > MOST_STEPS:
+def _check_length(path: Path, steps: int, dt: float, ahead: float = 0.0) -> None:
+    if steps + ahead / dt > MOST_STEPS:
+        if steps <= MOST_STEPS:
+            raise UserError(
+                f"--ahead {ahead:g}: {path} has {steps} steps of {dt:g} s, a game at most "
+                f"{MOST_STEPS}; expected at most {(MOST_STEPS - steps) * dt:g} s"
+            )
         raise UserError(
             f"{path} has {steps} steps of {dt:g} s, a game at most {MOST_STEPS}; import it again "
             f"with --resample {max(0.1, 2 * dt):g} or a shorter --window"

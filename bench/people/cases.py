@@ -47,7 +47,7 @@ _BESIDE, _DRIFT = 0.5, 0.3
 #: Displacements that tell motions apart.
 _TUPLE = 25
 #: Noise of what is seen [m], its logarithm's standard deviation, and the time for weights [s].
-_SIGMA, _SIGMA_SPREAD, _SECONDS = 0.1, 1.0, 5.0
+_SIGMA, _SIGMA_SPREAD, _SECONDS = 0.1, 1.0, 20.0
 _SAMPLES = 100  # of the posterior, that are played
 
 
@@ -232,7 +232,8 @@ def _weigh(case: Case, one: Foreseen, past: _Past) -> None:
     problem = Problem(
         past.game, FullView(), _SIGMA, noise_scale=NOISE_SCALE, sigma_spread=_SIGMA_SPREAD
     )
-    given = problem, Observation(past.states)
+    to_come = np.full((past.game.horizon - len(past.states), *past.states.shape[1:]), np.nan)
+    given = problem, Observation(np.concatenate([past.states, to_come]))
     begun = time.perf_counter()
     found = Map().estimate(*given, rng=np.random.default_rng(0), budget=_SECONDS)
     case.seconds = time.perf_counter() - begun
@@ -240,7 +241,7 @@ def _weigh(case: Case, one: Foreseen, past: _Past) -> None:
     theta = found.weights if found.converged else np.full(4, 0.25)
     case.predicted["own weights"] = _played(one.drivers, one.times, theta)
     if found.states is not None:
-        off = (found.states - past.states)[:, 0, :2]
+        off = (found.states[: len(past.states)] - past.states)[:, 0, :2]
         case.residual = float(np.sqrt(np.nanmean(off**2)))
     drawn = Posterior().estimate(*given, rng=np.random.default_rng(0), budget=_SECONDS)
     if drawn.converged and drawn.samples is not None:

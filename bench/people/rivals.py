@@ -32,11 +32,13 @@ class Rivals:
     spreads: dict[tuple[str, str], np.ndarray]  # (H, 2) mean errors [m] by method and road
 
     def predicted(self, case: Case) -> dict[str, np.ndarray]:
-        """(H, 2) of all methods."""
+        """(H, 2) of all methods; a car without samples of its weights has equal ones."""
         found = {name: of(case) for name, of in self.methods.items()} | case.predicted
-        if self.prior is not None and len(case.samples):
-            shares = shares_of(case, self.prior)
-            found["population"] = np.einsum("m,mhi->hi", shares, case.sampled)
+        if self.prior is not None:
+            found["population"] = case.predicted["game"]
+            if len(case.samples):
+                shares = shares_of(case, self.prior)
+                found["population"] = np.einsum("m,mhi->hi", shares, case.sampled)
         return found
 
     def spread(self, method: str, road: str) -> np.ndarray:

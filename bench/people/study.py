@@ -65,7 +65,7 @@ def _rows(case: Case, rivals: Rivals) -> Iterator[dict[str, object]]:
         off = places - case.happened
         spread = rivals.spread(method, case.road)[: len(off)]
         score = np.log(2 * spread) + np.abs(off) / spread
-        if method == "population" and rivals.prior is not None:
+        if method == "population" and rivals.prior is not None and len(case.samples):
             shares = shares_of(case, rivals.prior)
             apart = np.abs(case.sampled[:, :, 0] - case.happened[:, 0]) / spread[:, 0]
             score[:, 0] = np.log(2 * spread[:, 0]) - np.log(shares @ np.exp(-apart) + 1e-300)

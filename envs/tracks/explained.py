@@ -238,12 +238,13 @@ def explain(
     episode: int,
     noise: float | None = None,
     free: bool = False,
+    ahead: float = 0.0,
 ) -> Explained:
     """Make the game of a recording's episode, whose players have the costs of a named scenario.
 
     The seed is that of the draw that the tracks show, if they show one; ``noise`` that of positions
-    [m], if known; ``free`` leaves guesses to be estimated. UserError if scenario and recording do
-    not fit each other.
+    [m], if known; ``free`` leaves guesses to be estimated; the game ends ``ahead`` seconds after
+    the last sample. UserError if scenario and recording do not fit each other.
     """
     states, entry = known.states[episode], known.metadata.episodes[episode]
     names, dt = known.metadata.state_names, known.metadata.dt
@@ -262,7 +263,10 @@ def explain(
     players = [_at_step(player, dt / scenario.game.dt) for player in players]
     if road is not None:
         warnings += lane_warnings(entry.players, motions, players, level)
-    game = replace(scenario.game, players=tuple(players), horizon=len(states), dt=dt)
+    steps = round(ahead / dt)
+    if steps:
+        _check_goals(assumptions)
+    game = replace(scenario.game, players=tuple(players), horizon=len(states) + steps, dt=dt)
     count = len(players)
     explained = replace(
         scenario,
@@ -271,6 +275,17 @@ def explain(
         initial_state=np.zeros((count, game.dynamics.state_size)),
     )
     return Explained(explained, tuple(assumptions), rough, tuple(warnings))
+
+
+def _check_goals(assumptions: Sequence[Assumption]) -> None:
+    """Refuse goals at the end of a game that the data do not show."""
+    for one in assumptions:
+        if one.what == "goal" and one.source == DATA:
+            raise UserError(
+                f"--ahead: player {one.player!r} has a goal at the end of the game, after the "
+                "recording; give it in a TOML file to 'olne-bench import --road', or leave "
+                "--ahead away"
+            )
 
 
 def _aimed_players(

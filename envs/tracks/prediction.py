@@ -47,7 +47,8 @@ _SPREAD, _GROWTH, _CHANGE = np.array([0.79, 0.30]), np.array([1.16, 0.65]), 0.6
 _AWAY = 5.0
 _AHEAD = 1e3  # [m] of the way of a car that is in no lane
 _LENGTH = 1e4  # [m] of lanes, beyond what anybody drives
-#: Weights (N, 4) of the players of a game, of which states (T, N, 4) were seen, NaN where not.
+#: Weights (N, 4) of the players of a game, of whose first samples states (T, N, 4) were seen, NaN
+#: where not. Who is predicted has planned until then, so that the game ends with the prediction.
 Weigh = Callable[[Game, np.ndarray], np.ndarray]
 #: Why a car has no game.
 NO_LANE, NO_LEADER, NO_ROOT = "in no lane", "no leader", "no equilibrium found"
@@ -267,7 +268,8 @@ def _foreseen(
         if callable(weights):
             wanted = [replace(one, target=one.speed) for one in followed(drivers)]  # so far
             states, step = past.on_way(line, (first, *leaders)[: len(wanted)])
-            weights = weights(_game(wanted, len(states), step), states)
+            plan = len(states) + round(times[-1] / step)
+            weights = weights(_game(wanted, plan, step), states)
         played = play(drivers, len(times), weights)
         why = NO_ROOT if played is None else ""
         game = straight if played is None else _points(line, *played.T)

@@ -5,10 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from olne_bench.envs.scenarios.following import CAR, NOISE_SCALE, driver
 from olne_bench.estimators.kkt_constrained import KktConstrained
 from olne_bench.estimators.map import Map
-from olne_bench.estimators.protocol import COVARIANCE, SAMPLES, Estimate, Observation
+from olne_bench.estimators.protocol import COVARIANCE, SAMPLES, Estimate, Observation, Problem
 from olne_bench.estimators.robust import Robust
+from olne_bench.games.model.game import Game
+from olne_bench.games.model.lanes import StraightLane
+from olne_bench.games.model.observation import FullView
 
 SIGMA = 0.004
 
@@ -89,6 +93,19 @@ def test_gaps_stay_gaps(errors):
     found = estimated(Robust("kkt_constrained"), problem, Observation(shown))
     assert found.converged
     assert np.isfinite(found.extras["objective"])
+
+
+def test_who_stands_leaves_no_noise_to_find():
+    """Recorded positions of standing cars are equal to the last digit."""
+    lane = (StraightLane((0.0, 0.0), (1.0, 0.0), 100.0),)
+    players = tuple(driver(leader=k, target_speed=0.0, route=lane, dt=0.2) for k in (1, -1))
+    game = Game(players, CAR, 12, 0.2)
+    problem = Problem(game, FullView(), SIGMA, noise_scale=NOISE_SCALE)
+    there = np.array([[0.0, 0.0, 0.0, 0.0], [10.0, 0.0, 0.0, 0.0]])
+    standing = Observation(np.tile(there, (12, 1, 1)))
+    found, plain = (estimated(one, problem, standing) for one in (Robust("map"), Map()))
+    np.testing.assert_allclose(found.weights, plain.weights)
+    assert "sigma" not in found.extras
 
 
 def test_few_samples_are_believed_as_told(errors):

@@ -191,6 +191,12 @@ def export() -> None:
     help="Standard deviation of position noise [m]. Default: estimated with the weights.",
 )
 @shown(
+    "--ahead",
+    type=FiniteRange(min=0),
+    default=0.0,
+    help="How long after the recording the players' plans end [s]; drivers plan some seconds.",
+)
+@shown(
     "--targets",
     type=click.Choice(["estimated", "fixed"]),
     default="estimated",

@@ -325,6 +325,21 @@ def test_motion_that_the_model_does_not_explain_is_warned_of(tmp_path, capsys, r
     assert "targets guessed from the data (source 'data'): px, speed" in said.err
 
 
+def test_plans_may_end_after_the_recording(tmp_path, recorded):
+    """The first half of a recording has all weights, if the end of the plans is told."""
+    true, out = recorded("two_player"), tmp_path / "weights.csv"
+    half, dt = len(true.states) // 2, true.scenario.game.dt
+    tracks_of(true, tmp_path)
+    window = f"0,{(half - 1) * dt}"
+    given = ("--window", window, "--out", tmp_path / "half.parquet")
+    run("import", tmp_path / "tracks.csv", *given)
+    ahead = (len(true.states) - half) * dt
+    given = ("--scenario", "two_player", "--noise", 1e-3, "--ahead", ahead)
+    run("estimate", tmp_path / "half.parquet", *given, "--out", out)
+    table, names = pd.read_csv(out), list(true.scenario.game.weight_names)
+    np.testing.assert_allclose(table[names], true.scenario.weights, atol=1e-2)
+
+
 def test_guessed_targets_are_estimated_with_the_weights(tmp_path, capsys, recorded):
     """Without noise they are found, as is where somebody drives in the lane."""
     true = recorded("following")
@@ -364,6 +379,7 @@ RAISES = """class Raises:
         (["--scenario", "two_player", "--episode", "-1"], "-1 is not in the range x>=0"),
         (["--scenario", "two_player", "--seed", "-1"], "-1 is not in the range x>=0"),
         (["--scenario", "two_player", "--noise", "0"], "0 is not in the range x>0"),
+        (["--scenario", "two_player", "--ahead", "-1"], "-1.0 is not in the range x>=0"),
         (["--scenario", "two_player", "--budget", "nan"], "nan is not a finite number"),
         (["--scenario", "two_player", "--budget", "inf"], "inf is not a finite number"),
         (["--scenario", "two_player", "--estimator", "RAISES"], "RuntimeError: no licence ("),
@@ -460,6 +476,9 @@ def test_a_game_has_so_many_steps(dt, step):
     estimating._check_length("a", estimating.MOST_STEPS, dt)
     with pytest.raises(UserError, match=f"a has 401 steps of {dt:g} s.*--resample {step} "):
         estimating._check_length("a", estimating.MOST_STEPS + 1, dt)
+    estimating._check_length("a", estimating.MOST_STEPS - 50, dt, 50 * dt)
+    with pytest.raises(UserError, match=f"--ahead .*: a has 350 steps.*at most {50 * dt:g} s"):
+        estimating._check_length("a", estimating.MOST_STEPS - 50, dt, 51 * dt)
 
 
 def test_what_is_known_of_the_motion_is_what_is_observed():

@@ -1,11 +1,13 @@
 """Halves of the recordings, rows and their summary, and the command."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from olne_bench.bench.people.cases import HORIZONS
 from olne_bench.bench.people.study import rows_of, second_half, shown, summary
 from tests.bench.commands.test_people_commands import fails, run
 from tests.bench.people.test_rivals import CASES, case
@@ -33,6 +35,25 @@ def test_rows_and_summary_hold_every_case_method_and_horizon():
     assert one.loc["game", "over_straight"] == pytest.approx(np.abs(off[:, 0]).mean() / base)
     assert one.loc["ridge", "over_straight_high"] < 0.3
     assert list(shown(table).columns) == ["game", "alone", "idm", "mobil", "ridge", "kernel"]
+
+
+def test_a_car_without_samples_of_its_weights_stays_in_the_table():
+    """It is predicted with equal weights."""
+    rng = np.random.default_rng(0)
+    known = [
+        replace(
+            one,
+            samples=rng.dirichlet(np.full(4, 5.0), (20, 3)),
+            sampled=np.repeat(one.happened[None] + 0.1, 20, axis=0),
+        )
+        for one in CASES[1:]
+    ]
+    rows = rows_of([CASES[0], *known], set())
+    found = rows[rows["method"] == "population"]
+    assert len(found) == 60 * len(HORIZONS) and found["score"].notna().all()
+    game = rows[rows["method"] == "game"]["along"].to_numpy()
+    assert (found["along"].to_numpy() == game).sum() == len(HORIZONS)
+    assert "population" in shown(summary(rows))
 
 
 def test_the_second_half_does_not_change_what_is_fitted():

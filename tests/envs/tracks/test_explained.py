@@ -306,6 +306,36 @@ def cruising(start: np.ndarray, dt: float) -> np.ndarray:
     return states
 
 
+def test_plans_may_end_after_the_recording(recorded: Recorder, tmp_path: Path) -> None:
+    """Without noise, weights come back from its first part if the end of the plans is told."""
+    recording = recorded("two_way", 0, num_players=3)
+    path, dt = exported(tmp_path, recording), recording.scenario.game.dt
+    whole, seen = len(recording.states), 12
+    known = read_tracks(path, excerpt=Excerpt((0.0, dt * (seen - 1)))).recording
+    names = known.metadata.episodes[0].players
+    truth = recording.scenario.weights[
+        [[renamed(f"player_{k}") for k in range(3)].index(name) for name in names]
+    ]
+    off = []
+    for ahead in (0.0, dt * (whole - seen)):
+        game = explain("two_way", None, known, 0, ahead=ahead).scenario.game
+        y = np.full((game.horizon, *known.states[0].shape[1:]), np.nan)
+        y[:seen] = known.states[0]
+        off.append(np.abs(estimate(game, y).weights - truth).max())
+    assert game.horizon == whole
+    assert off[1] < 1e-3 < 0.05 < off[0]
+
+
+def test_goals_after_the_recording_are_told(tmp_path: Path) -> None:
+    scenario = get_scenario("two_player")
+    known = as_tracks(cruising(scenario.initial_state + AWAY, 0.25), 0.25, tmp_path)
+    with pytest.raises(UserError, match="--ahead: player 'car 0' has a goal at the end of the"):
+        explain("two_player", None, known, 0, ahead=1.0)
+    told = cruising(scenario.initial_state, 0.25)  # players of the draw have goals
+    game = explain("two_player", None, as_tracks(told, 0.25, tmp_path), 0, ahead=1.0).scenario.game
+    assert game.horizon == len(told) + 4
+
+
 def test_players_are_alike_unless_their_costs_differ(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
