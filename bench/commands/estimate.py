@@ -69,6 +69,7 @@ def estimate(
         explained = explain(name, seed, known, episode, noise, targets == FREE, ahead)
     problem, y = recorded_problem(explained, known.metadata.state_names, states, noise)
     _say_assumptions(name, known.metadata.dt, explained.assumptions)
+    click.echo(f"plans end {f'{ahead:g} s after' if ahead else 'with'} the recording (--ahead)")
     for warning in explained.warnings:
         click.echo(f"warning: {one_line(warning)}", err=True)
 

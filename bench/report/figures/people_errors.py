@@ -31,5 +31,5 @@ def errors_over_time(table: pd.DataFrame) -> Figure:
         place = f"{style.printable(str(road))}: {own['cars'].max()} cars"
         axes.set(title=place, xlabel="seconds ahead")
     panels[0].set_ylabel("error along the lane / straight on")
-    panels[0].legend(fontsize="small")
+    style.legend_below(figure, [*zip(*panels[0].get_legend_handles_labels(), strict=True)])
     return figure

@@ -325,7 +325,7 @@ def test_motion_that_the_model_does_not_explain_is_warned_of(tmp_path, capsys, r
     assert "targets guessed from the data (source 'data'): px, speed" in said.err
 
 
-def test_plans_may_end_after_the_recording(tmp_path, recorded):
+def test_plans_may_end_after_the_recording(tmp_path, recorded, capsys):
     """The first half of a recording has all weights, if the end of the plans is told."""
     true, out = recorded("two_player"), tmp_path / "weights.csv"
     half, dt = len(true.states) // 2, true.scenario.game.dt
@@ -335,7 +335,9 @@ def test_plans_may_end_after_the_recording(tmp_path, recorded):
     run("import", tmp_path / "tracks.csv", *given)
     ahead = (len(true.states) - half) * dt
     given = ("--scenario", "two_player", "--noise", 1e-3, "--ahead", ahead)
+    capsys.readouterr()
     run("estimate", tmp_path / "half.parquet", *given, "--out", out)
+    assert f"plans end {ahead:g} s after the recording" in capsys.readouterr().out
     table, names = pd.read_csv(out), list(true.scenario.game.weight_names)
     np.testing.assert_allclose(table[names], true.scenario.weights, atol=1e-2)
 
