@@ -7,15 +7,18 @@ that a player's samples move by S w, where S is their derivative in the player's
 
 one variance q_j for each control j, shared by all steps and players. With all q at zero this is
 the joint method, with its equilibrium as a hard condition; with large ones only what no kick
-explains is left to learn from, as in the residual method. The samples have the covariance
-C = sigma^2 + S q S', so the errors of ``posterior_density`` are whitened by it:
+explains is left to learn from, as in the residual method. Kicks move cars smoothly and noise does
+not, so that they can be told apart; the noise has f times the deviation that is told, or else more
+noise than told would be taken for kicks. The samples have the covariance
+C = f^2 sigma^2 + S q S', so the errors of ``posterior_density`` are whitened by it:
 
     (I2)  log pi(z, x_1) = -|L^-1 (y - h(x))|^2 / 2 - |z|^2 / 2,    L L' = C.
 
 The variances have the largest restricted likelihood at the peak of (I2), which counts what the fit
 takes from the errors:
 
-    (I3)  min over q of  log |C| + r' C^-1 r - |M^-1 J' C^-1 r|^2 + 2 log |M|,  M M' = J' C^-1 J + P
+    (I3)  min over q, f of  log |C| + r' C^-1 r - |M^-1 J' C^-1 r|^2 + 2 log |M| + (log f / tau)^2,
+          M M' = J' C^-1 J + P
 
 with residuals r, their derivative J and the prior's precision P. Peak and variances are found in
 turn.
@@ -40,7 +43,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
-from scipy.optimize import minimize
+from scipy.optimize import OptimizeResult, minimize
 
 from olne_bench.estimators.posterior import Posterior, different_peaks
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
@@ -55,8 +58,12 @@ from olne_bench.games.solve.root_following import from_independent_players
 #: Rounds of peak and variances at most, and the change of coordinates that ends them.
 _ROUNDS, _STILL = 4, 0.01
 #: Logarithm of the mean variance that kicks add to a sample, over that of its noise: where the
-#: search starts, and its ends.
-_FIRST, _LEAST, _MOST = -2.0, -12.0, 8.0
+#: search starts, its ends, and where there are none.
+_FIRST, _LEAST, _MOST, _NONE = -2.0, -12.0, 8.0, -50.0
+#: Deviation tau of log f, and how far log f goes.
+_SPREAD, _FARTHEST = 0.5, 3.0
+#: A factor f this far from 1 is told.
+_OFF = 1.25
 #: Twice the gain of log likelihood from which on kicks are told.
 _TOLD = 9.2
 #: Difference of log evidence that is very strong (Kass and Raftery 1995).
@@ -90,11 +97,13 @@ class Kicks:
 
     Attributes:
         deviations: (m,) standard deviation of each control.
+        noise_factor: standard deviation of the noise over the one that is told.
         whitening: (n, n) inverse of the root of the samples' covariance, over sigma.
         gain: twice the log likelihood that kicks gain.
     """
 
     deviations: np.ndarray
+    noise_factor: float
     whitening: np.ndarray
     gain: float
 
@@ -109,9 +118,8 @@ class Kicks:
         precision, rows = prior.T @ prior, place.rows[0][:n]
 
         def root_of(logs: np.ndarray) -> np.ndarray:
-            return np.asarray(
-                cholesky(np.eye(n) + np.tensordot(np.exp(logs), shapes, 1), lower=True)
-            )
+            kicked = np.tensordot(np.exp(logs[1:]), shapes, 1)
+            return np.asarray(cholesky(np.exp(logs[0]) * np.eye(n) + kicked, lower=True))
 
         def cost(logs: np.ndarray) -> float:
             root = root_of(logs)
@@ -120,13 +128,20 @@ class Kicks:
             M = cholesky(J.T @ J + precision, lower=True)
             fitted = solve_triangular(M, J.T @ r, lower=True)
             volumes = np.log(np.diag(root)).sum() + np.log(np.diag(M)).sum()
-            return float(r @ r - fitted @ fitted + 2 * volumes)
+            told = (logs[0] / 2 / _SPREAD) ** 2
+            return float(r @ r - fitted @ fitted + 2 * volumes + told)
 
-        start = np.full(len(shapes), _FIRST)
-        found = minimize(cost, start, method="L-BFGS-B", bounds=[(_LEAST, _MOST)] * len(start))
+        def least(first: float, ends: tuple[float, float]) -> OptimizeResult:
+            """The least cost with variances of kicks from so much on and between ends."""
+            start = np.array([0.0] + [first] * len(shapes))
+            bounds = [(-2 * _FARTHEST, 2 * _FARTHEST)] + [ends] * len(shapes)
+            return minimize(cost, start, method="L-BFGS-B", bounds=bounds)
+
+        found, without = least(_FIRST, (_LEAST, _MOST)), least(_NONE, (_NONE, _NONE))
         whitening = solve_triangular(root_of(found.x), np.eye(n), lower=True)
-        without = cost(np.full(len(start), -np.inf))
-        return cls(np.exp(found.x / 2) / np.sqrt(sizes), whitening, without - float(found.fun))
+        factor, *sizes_found = np.exp(found.x / 2)
+        deviations = np.array(sizes_found) / np.sqrt(sizes)
+        return cls(deviations, float(factor), whitening, float(without.fun - found.fun))
 
 
 @dataclass(frozen=True)
@@ -188,11 +203,14 @@ class Imperfect(Posterior):
         kicks, names = density.kicks, density.problem.game.dynamics.control_names
         sizes = dict(zip(names, map(float, kicks.deviations), strict=True))
         extras = {**found.extras, **{f"kick_{name}": size for name, size in sizes.items()}}
+        extras["noise_factor"] = kicks.noise_factor
         later = extras["plans_later"] = density.beyond * density.problem.game.dt
         said = [found.message]
         if kicks.gain >= _TOLD:
             told = ", ".join(f"{name} by {size:.2g}" for name, size in sizes.items())
             said.append(f"players leave the equilibrium: {told}")
+        if max(kicks.noise_factor, 1 / kicks.noise_factor) > _OFF:
+            said.append(f"noise is {kicks.noise_factor:.2g} times as told")
         if density.beyond:
             said.append(f"players plan for {later:.2g} s behind the last sample")
         count = density.problem.game.horizon - density.beyond
