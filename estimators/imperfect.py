@@ -1,4 +1,4 @@
-"""Samples of the posterior where players leave the equilibrium: soft first-order conditions.
+"""Samples of the posterior where players leave the equilibrium, or the noise is not as told.
 
 Each control leaves that of the equilibrium by a random, independent kick. Nobody answers a kick, so
 that a player's samples move by S w, where S is their derivative in the player's own controls:
@@ -7,35 +7,41 @@ that a player's samples move by S w, where S is their derivative in the player's
 
 one variance q_j for each control j, shared by all steps and players. With all q at zero this is
 the joint method, with its equilibrium as a hard condition; with large ones only what no kick
-explains is left to learn from, as in the residual method. Kicks move cars smoothly and noise does
-not, so that they can be told apart; the noise has f times the deviation that is told, or else more
-noise than told would be taken for kicks. The samples have the covariance
-C = f^2 sigma^2 + S q S', so the errors of ``posterior_density`` are whitened by it:
+explains is left to learn from, as in the residual method.
 
-    (I2)  log pi(z, x_1) = -|L^-1 (y - h(x))|^2 / 2 - |z|^2 / 2,    L L' = C.
+What is not as told of the noise would be taken for kicks, but for its shape: it has f times the
+deviation sigma that is told, and may have parts that last, b_1 with the correlation rho from one
+sample to the next, and b_2 that stays. So the samples have the covariance
 
-The variances have the largest restricted likelihood at the peak of (I2), which counts what the fit
+    (I2)  C = sigma^2 (f^2 I + b_1 R + b_2 B) + S q S'
+
+where R has rho^|t - s| and B has 1 between samples s and t of the same player and component. The
+errors of ``posterior_density`` are whitened by it:
+
+    (I3)  log pi(z, x_1) = -|L^-1 (y - h(x))|^2 / 2 - |z|^2 / 2,    L L' = C.
+
+The variances have the largest restricted likelihood at the peak of (I3), which counts what the fit
 takes from the errors:
 
-    (I3)  min over q, f of  log |C| + r' C^-1 r - |M^-1 J' C^-1 r|^2 + 2 log |M| + (log f / tau)^2,
+    (I4)  min  log |C| + r' C^-1 r - |M^-1 J' C^-1 r|^2 + 2 log |M| + (log f / tau)^2,
           M M' = J' C^-1 J + P
 
-with residuals r, their derivative J and the prior's precision P. Peak and variances are found in
-turn.
+with residuals r, their derivative J and the prior's precision P. Noise that lasts is taken where it
+gains much. Peak and variances are found in turn.
 
 Who plans again and again does not stop planning at the last sample: at step t, its plan of T states
 ends at t + T, in the mean half a recording later. So where kicks explain the samples far better
 than none, the game is taken that ends by half of the recording later, unless the evidence for the
-told end is very strong (Laplace's approximation of the integral of I2).
+told end is very strong (Laplace's approximation of the integral of I3).
 
 Paper: none; restricted likelihood after Patterson and Thompson 1971.
-Assumes: what ``posterior`` does, but for kicks.
+Assumes: what ``posterior`` does, but for kicks and the noise.
 Cost: that of ``posterior`` and a half, twice as much where games of other ends are tried.
 Trust: its weights, where players act at random around an equilibrium, or plan again and again. It
     predicts as if no further kick came.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import ClassVar
@@ -43,7 +49,7 @@ from typing import ClassVar
 import casadi as ca
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
-from scipy.optimize import OptimizeResult, minimize
+from scipy.optimize import minimize
 
 from olne_bench.estimators.posterior import Posterior, different_peaks
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
@@ -58,13 +64,13 @@ from olne_bench.games.solve.root_following import from_independent_players
 #: Rounds of peak and variances at most, and the change of coordinates that ends them.
 _ROUNDS, _STILL = 4, 0.01
 #: Logarithm of the mean variance that kicks add to a sample, over that of its noise: where the
-#: search starts, its ends, and where there are none.
-_FIRST, _LEAST, _MOST, _NONE = -2.0, -12.0, 8.0, -50.0
-#: Deviation tau of log f, and how far log f goes.
-_SPREAD, _FARTHEST = 0.5, 3.0
-#: A factor f this far from 1 is told.
-_OFF = 1.25
-#: Twice the gain of log likelihood from which on kicks are told.
+#: search starts, and its ends.
+_FIRST, _LEAST, _MOST = -2.0, -12.0, 8.0
+#: Deviation tau of log f, how far log f goes, the correlation rho, and an f that is told.
+_SPREAD, _FARTHEST, _LAG, _OFF = 0.5, 3.0, 0.8, 1.25
+#: Parts of the noise in (I2).
+_NOISES = 3
+#: Twice the gain of log likelihood from which on kicks are told, and noise that lasts is taken.
 _TOLD = 9.2
 #: Difference of log evidence that is very strong (Kass and Raftery 1995).
 _STRONG = 5.0
@@ -72,7 +78,7 @@ _STRONG = 5.0
 
 @dataclass(frozen=True)
 class KickedDensity(GameDensity):
-    """(I2)."""
+    """(I3)."""
 
     kicks: "Kicks" = field(kw_only=True)
     beyond: int = 0  # steps of the game behind the last sample
@@ -93,55 +99,83 @@ class KickedDensity(GameDensity):
 
 @dataclass(frozen=True)
 class Kicks:
-    """What is known of kicks.
+    """What is known of kicks and noise.
 
     Attributes:
         deviations: (m,) standard deviation of each control.
-        noise_factor: standard deviation of the noise over the one that is told.
+        noise: (3,) deviations f, b_1 and b_2 of white noise, of noise that lasts and of a bias.
         whitening: (n, n) inverse of the root of the samples' covariance, over sigma.
         gain: twice the log likelihood that kicks gain.
     """
 
     deviations: np.ndarray
-    noise_factor: float
+    noise: np.ndarray
     whitening: np.ndarray
     gain: float
 
     @classmethod
-    def most_likely(cls, place: Places, moved: np.ndarray) -> "Kicks":
-        """(I3) at a place of the density without kicks, samples moved (n, m, kicks) over sigma."""
+    def most_likely(cls, place: Places, moved: np.ndarray, seen: np.ndarray) -> "Kicks":
+        """(I4) at a place of the density without kicks.
+
+        Args:
+            place: what is most probable so far.
+            moved: samples (n, m, kicks) over sigma, moved by kicks.
+            seen: (T, N, d) which samples these are.
+        """
         n = len(moved)
-        errors, prior = place.errors[0, :n], place.rows[0][n:]
-        shapes = np.einsum("nmk,lmk->mnl", moved, moved)
-        sizes = np.maximum(np.trace(shapes, axis1=1, axis2=2) / n, np.finfo(float).tiny)
-        shapes /= sizes[:, None, None]
-        precision, rows = prior.T @ prior, place.rows[0][:n]
+        kicked = np.einsum("nmk,lmk->mnl", moved, moved)
+        sizes = np.maximum(np.trace(kicked, axis1=1, axis2=2) / n, np.finfo(float).tiny)
+        shapes = np.concatenate([_noises(seen), kicked / sizes[:, None, None]])
+        errors, rows, prior = place.errors[0, :n], place.rows[0][:n], place.rows[0][n:]
+        precision = prior.T @ prior
 
-        def root_of(logs: np.ndarray) -> np.ndarray:
-            kicked = np.tensordot(np.exp(logs[1:]), shapes, 1)
-            return np.asarray(cholesky(np.exp(logs[0]) * np.eye(n) + kicked, lower=True))
+        def root_of(variances: np.ndarray) -> np.ndarray:
+            return np.asarray(cholesky(np.tensordot(variances, shapes, 1), lower=True))
 
-        def cost(logs: np.ndarray) -> float:
-            root = root_of(logs)
+        def cost(variances: np.ndarray) -> float:
+            root = root_of(variances)
             both = solve_triangular(root, np.column_stack([rows, errors]), lower=True)
             J, r = both[:, :-1], both[:, -1]
             M = cholesky(J.T @ J + precision, lower=True)
             fitted = solve_triangular(M, J.T @ r, lower=True)
             volumes = np.log(np.diag(root)).sum() + np.log(np.diag(M)).sum()
-            told = (logs[0] / 2 / _SPREAD) ** 2
+            told = (np.log(variances[0]) / 2 / _SPREAD) ** 2
             return float(r @ r - fitted @ fitted + 2 * volumes + told)
 
-        def least(first: float, ends: tuple[float, float]) -> OptimizeResult:
-            """The least cost with variances of kicks from so much on and between ends."""
-            start = np.array([0.0] + [first] * len(shapes))
-            bounds = [(-2 * _FARTHEST, 2 * _FARTHEST)] + [ends] * len(shapes)
-            return minimize(cost, start, method="L-BFGS-B", bounds=bounds)
+        white, lasting, kicks = np.split(np.arange(len(shapes)), [1, _NOISES])
+        found, without = (_least(cost, len(shapes), [*white, *more]) for more in (kicks, ()))
+        longer = _least(cost, len(shapes), [*white, *lasting, *kicks])
+        if cost(found) - cost(longer) > _TOLD:
+            found, without = longer, _least(cost, len(shapes), [*white, *lasting])
+        noise, variances = np.split(found, [_NOISES])
+        whitening = solve_triangular(root_of(found), np.eye(n), lower=True)
+        gain = cost(without) - cost(found)
+        return cls(np.sqrt(variances / sizes), np.sqrt(noise), whitening, gain)
 
-        found, without = least(_FIRST, (_LEAST, _MOST)), least(_NONE, (_NONE, _NONE))
-        whitening = solve_triangular(root_of(found.x), np.eye(n), lower=True)
-        factor, *sizes_found = np.exp(found.x / 2)
-        deviations = np.array(sizes_found) / np.sqrt(sizes)
-        return cls(deviations, float(factor), whitening, float(without.fun - found.fun))
+
+def _least(cost: Callable[[np.ndarray], float], count: int, used: Sequence[int]) -> np.ndarray:
+    """So many variances with the least cost; those that are not used are zero, the first is f^2."""
+
+    def of(logs: np.ndarray) -> np.ndarray:
+        variances = np.zeros(count)
+        variances[used] = np.exp(logs)
+        return variances
+
+    def of_logs(logs: np.ndarray) -> float:
+        return cost(of(logs))
+
+    others = len(used) - 1
+    bounds = [(-2 * _FARTHEST, 2 * _FARTHEST)] + [(_LEAST, _MOST)] * others
+    start = np.array([0.0] + [_FIRST] * others)
+    return of(minimize(of_logs, start, method="L-BFGS-B", bounds=bounds).x)
+
+
+def _noises(seen: np.ndarray) -> np.ndarray:
+    """I, R and B of (I2) between the samples that were seen."""
+    step, *series = np.nonzero(seen)
+    same = np.logical_and.reduce([one[:, None] == one for one in series])
+    apart = np.abs(step[:, None] - step)
+    return np.stack([same & (apart == 0), same * _LAG**apart, same]).astype(float)
 
 
 @dataclass(frozen=True)
@@ -177,7 +211,7 @@ class Imperfect(Posterior):
         beyond: int = 0,
         near: tuple[KickedDensity, list[Peak]] | None = None,
     ) -> tuple[KickedDensity, list[Peak]] | None:
-        """(I2) of a game that ends so many steps behind the last sample; None without a peak."""
+        """(I3) of a game that ends so many steps behind the last sample; None without a peak."""
         known = _going_on(problem, observation, beyond)
         plain, peaks = super().peaks(*known, deadline)
         places = [one.place for one in peaks]
@@ -203,14 +237,17 @@ class Imperfect(Posterior):
         kicks, names = density.kicks, density.problem.game.dynamics.control_names
         sizes = dict(zip(names, map(float, kicks.deviations), strict=True))
         extras = {**found.extras, **{f"kick_{name}": size for name, size in sizes.items()}}
-        extras["noise_factor"] = kicks.noise_factor
+        factor, lasting, bias = map(float, kicks.noise)
+        extras |= {"noise_factor": factor, "noise_lasting": lasting, "noise_bias": bias}
         later = extras["plans_later"] = density.beyond * density.problem.game.dt
         said = [found.message]
         if kicks.gain >= _TOLD:
             told = ", ".join(f"{name} by {size:.2g}" for name, size in sizes.items())
             said.append(f"players leave the equilibrium: {told}")
-        if max(kicks.noise_factor, 1 / kicks.noise_factor) > _OFF:
-            said.append(f"noise is {kicks.noise_factor:.2g} times as told")
+        if lasting or bias:
+            said.append("errors last, or there is a bias")
+        elif max(factor, 1 / factor) > _OFF:
+            said.append(f"noise is {factor:.2g} times as told")
         if density.beyond:
             said.append(f"players plan for {later:.2g} s behind the last sample")
         count = density.problem.game.horizon - density.beyond
@@ -219,7 +256,7 @@ class Imperfect(Posterior):
 
 
 def _log_mass(found: tuple[KickedDensity, list[Peak]]) -> float:
-    """Laplace's approximation of log integral of (I2), with the volume of its whitening."""
+    """Laplace's approximation of log integral of (I3), with the volume of its whitening."""
     density, (peak, *_) = found
     return peak.log_mass + float(np.log(np.diag(density.kicks.whitening)).sum())
 
@@ -227,7 +264,7 @@ def _log_mass(found: tuple[KickedDensity, list[Peak]]) -> float:
 def _settled(density: GameDensity, place: Places) -> Kicks:
     """Kicks and the peak near a place, found in turn."""
     for _ in range(_ROUNDS):
-        kicks = Kicks.most_likely(place, _moved(density, place))
+        kicks = Kicks.most_likely(place, _moved(density, place), np.isfinite(density.observation.y))
         kicked = KickedDensity(**vars(density), kicks=kicks)
         before, found = place.points, climbed(kicked, kicked.whitened(place))
         place = density.reach(found.points, place)

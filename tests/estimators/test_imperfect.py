@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from olne_bench.estimators.imperfect import Imperfect, Kicks, _moved
+from olne_bench.estimators.imperfect import Imperfect, Kicks, _moved, _noises
 from olne_bench.estimators.map import Map
 from olne_bench.estimators.posterior import Posterior
 from olne_bench.estimators.protocol import Estimate, Observation
@@ -66,7 +66,9 @@ def test_players_that_keep_to_the_equilibrium_are_not_accused(kicked):
         observation, _ = make(0.0, seed)
         density, peaks = Posterior().peaks(problem, observation, np.inf)
         place = peaks[0].place
-        told.append(Kicks.most_likely(place, _moved(density, place)).gain)
+        told.append(
+            Kicks.most_likely(place, _moved(density, place), np.isfinite(observation.y)).gain
+        )
     assert np.median(told) < 2
     observation, _ = make(0.0)
     plain = estimated(Posterior(), problem, observation)
@@ -125,6 +127,42 @@ def test_players_that_do_not_plan_again_plan_to_the_last_sample(kicked):
     problem, make = kicked
     found = [estimated(Imperfect(), problem, make(0.0, seed)[0]) for seed in range(3)]
     assert all(one.extras["plans_later"] == 0 for one in found)
+
+
+def test_more_noise_than_told_is_no_kick(kicked):
+    problem, make = kicked
+    told = replace(problem, sigma=SIGMA / 2)
+    found = [estimated(Imperfect(), told, make(0.0, seed)[0]) for seed in range(4)]
+    assert np.median([one.extras["noise_factor"] for one in found]) == pytest.approx(2, rel=0.15)
+    for one in found:
+        assert one.extras["plans_later"] == 0 == one.extras["noise_bias"]
+        assert "times as told" in one.message and "leave" not in one.message
+
+
+def test_a_bias_is_no_kick(kicked):
+    problem, make = kicked
+    errors = {Posterior: [], Imperfect: []}
+    for seed in range(4):
+        observation, weights = make(0.0, seed)
+        players, components = observation.y.shape[1:]
+        bias = 3 * SIGMA * np.random.default_rng(seed).standard_normal((players, components))
+        shown = Observation(observation.y + bias)
+        for kind, off in errors.items():
+            found = estimated(kind(), problem, shown)
+            off.append(np.abs(found.weights - weights).sum())
+        assert "errors last, or there is a bias" in found.message
+        assert found.extras["plans_later"] == 0
+    assert np.mean(errors[Imperfect]) < 0.5 * np.mean(errors[Posterior])
+
+
+def test_noise_parts_are_of_the_same_player_and_component():
+    seen = np.ones((3, 2, 1), dtype=bool)
+    seen[1, 0] = False  # samples left: (0, 0), (0, 1), (1, 1), (2, 0), (2, 1)
+    white, lasting, bias = _noises(seen)
+    np.testing.assert_array_equal(white, np.eye(5))
+    assert lasting[0] == pytest.approx([1, 0, 0, 0.64, 0])
+    assert lasting[1] == pytest.approx([0, 1, 0.8, 0, 0.64])
+    np.testing.assert_array_equal(bias, lasting > 0)
 
 
 def test_gaps_stay_gaps(kicked):
