@@ -68,6 +68,8 @@ _ROUNDS, _STILL = 4, 0.01
 _FIRST, _LEAST, _MOST = -2.0, -12.0, 8.0
 #: Deviation tau of log f, how far log f goes, the correlation rho, and an f that is told.
 _SPREAD, _FARTHEST, _LAG, _OFF = 0.5, 3.0, 0.8, 1.25
+#: A relative change of (I4) that ends the search for variances.
+_ENOUGH = 1e-5
 #: Parts of the noise in (I2).
 _NOISES = 3
 #: Twice the gain of log likelihood from which on kicks are told, and noise that lasts is taken.
@@ -167,7 +169,8 @@ def _least(cost: Callable[[np.ndarray], float], count: int, used: Sequence[int])
     others = len(used) - 1
     bounds = [(-2 * _FARTHEST, 2 * _FARTHEST)] + [(_LEAST, _MOST)] * others
     start = np.array([0.0] + [_FIRST] * others)
-    return of(minimize(of_logs, start, method="L-BFGS-B", bounds=bounds).x)
+    options = {"ftol": _ENOUGH}
+    return of(minimize(of_logs, start, method="L-BFGS-B", bounds=bounds, options=options).x)
 
 
 def _noises(seen: np.ndarray) -> np.ndarray:
