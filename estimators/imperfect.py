@@ -169,8 +169,7 @@ def _least(cost: Callable[[np.ndarray], float], count: int, used: Sequence[int])
     others = len(used) - 1
     bounds = [(-2 * _FARTHEST, 2 * _FARTHEST)] + [(_LEAST, _MOST)] * others
     start = np.array([0.0] + [_FIRST] * others)
-    options = {"ftol": _ENOUGH}
-    return of(minimize(of_logs, start, method="L-BFGS-B", bounds=bounds, options=options).x)
+    return of(minimize(of_logs, start, method="L-BFGS-B", bounds=bounds, tol=_ENOUGH).x)
 
 
 def _noises(seen: np.ndarray) -> np.ndarray:
