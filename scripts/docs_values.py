@@ -285,6 +285,8 @@ VALUES: dict[str, Callable[[], str]] = {
     "ahead.told": partial(_ahead_of_map, "as told", "imperfect"),
     "ahead.replanning": partial(_ahead_of_map, "replanning 0.4", "imperfect"),
     "ahead.stock": partial(_ahead_of_map, "stock 1", "imperfect"),
+    "ahead.bias": partial(_ahead_of_map, "bias 1", "imperfect"),
+    "ahead.lagged": partial(_ahead_of_map, "lagged_noise 0.8", "imperfect"),
     "ahead.entropic": partial(_ahead_of_map, "entropic 0.01", "imperfect"),
     "ahead.entropic.truth": partial(_ahead_of_map, "entropic 0.01", "truth"),
     "conformal.held": partial(_conformal, "held"),
