@@ -56,6 +56,7 @@ from olne_bench.estimators.protocol import Estimate, Observation, Problem
 from olne_bench.estimators.shared.forward_model import SolvedGame
 from olne_bench.estimators.shared.perturbed_fits import Fits, Peak
 from olne_bench.estimators.shared.posterior_density import GameDensity, Places, climbed
+from olne_bench.estimators.shared.sample_series import steps_apart, with_unseen
 from olne_bench.estimators.shared.trajectory_fit import guess_controls
 from olne_bench.games.compiled.row_functions import RowFunction
 from olne_bench.games.model.dynamics import Dynamics
@@ -174,9 +175,7 @@ def _least(cost: Callable[[np.ndarray], float], count: int, used: Sequence[int])
 
 def _noises(seen: np.ndarray) -> np.ndarray:
     """I, R and B of (I2) between the samples that were seen."""
-    step, *series = np.nonzero(seen)
-    same = np.logical_and.reduce([one[:, None] == one for one in series])
-    apart = np.abs(step[:, None] - step)
+    apart, same = steps_apart(seen)
     return np.stack([same & (apart == 0), same * _LAG**apart, same]).astype(float)
 
 
@@ -294,8 +293,7 @@ def _going_on(
 ) -> tuple[Problem, Observation]:
     """The same of a game that ends so many steps later, of which no more is seen."""
     game = replace(problem.game, horizon=problem.game.horizon + beyond)
-    unseen = np.full((beyond, *observation.y.shape[1:]), np.nan)
-    return replace(problem, game=game), Observation(np.concatenate([observation.y, unseen]))
+    return replace(problem, game=game), Observation(with_unseen(observation.y, game.horizon))
 
 
 def _moved(density: GameDensity, place: Places) -> np.ndarray:

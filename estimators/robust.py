@@ -54,6 +54,7 @@ from olne_bench.estimators.shared.forward_model import (
     squared_error_of,
 )
 from olne_bench.estimators.shared.noise_level import fitted_part
+from olne_bench.estimators.shared.sample_series import steps_apart
 from olne_bench.estimators.shared.white_noise import with_white_noise
 
 #: The methods in use, and the one that finds their motion meanwhile.
@@ -217,7 +218,7 @@ class _Fitted:
 
     def lag(self, away: np.ndarray) -> tuple[float, float]:
         """The correlation of consecutive errors, and the factor by which a fit hides their size."""
-        apart, same = self._apart()
+        apart, same = steps_apart(self.seen)
         pairs = np.triu(apart == 1)
         if not pairs.any():
             return 0.0, 1.0
@@ -241,13 +242,6 @@ class _Fitted:
         if excess(lag) > 0:
             lag = float(brentq(excess, 0.0, _LARGEST_LAG, xtol=1e-3))
         return lag, float(np.sqrt(squares / parts(lag)[1]))
-
-    def _apart(self) -> tuple[np.ndarray, np.ndarray]:
-        """Steps (n, n) between samples, and which are of one player and component."""
-        step, *series = np.nonzero(self.seen)
-        same = np.logical_and.reduce([one[:, None] == one for one in series])
-        apart = np.abs(step[:, None] - step)
-        return np.where(same, apart, 0), same
 
 
 def _told(problem: Problem, sigma: float) -> Problem:

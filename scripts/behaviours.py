@@ -9,9 +9,8 @@ the motion cannot be told apart. Rows that are there already are
 kept, so that the study goes on where it ended. Writes trials.csv, confusion.csv and behaviours.png.
 
 DATA is a folder of CommonRoad files. Of each, the strongest group of at most three cars counts,
-with the game ``following``, plans that end 3 s after the recording, and unknown noise. Recorded
-drivers keep to no model to within the noise, so that residuals are compared, not evidence. Writes
-people.csv.
+with the game ``following`` and unknown noise. Recorded drivers keep to no model to within the
+noise, so that residuals are compared, not evidence. Writes people.csv.
 """
 
 from collections.abc import Iterator
@@ -47,8 +46,8 @@ SIGMAS = {
     "two_player": (0.005, 0.02),
 }
 SURE = 0.9
-#: Cars of a recorded group at most, the step [s] of its games, and how long their plans go on [s].
-GROUP, STEP, AHEAD = 3, 0.2, 3.0
+#: Cars of a recorded group at most, and the step [s] of its games.
+GROUP, STEP = 3, 0.2
 KEY = ["scenario", "sigma", "truth", "seed"]
 
 
@@ -91,7 +90,7 @@ def group_row(path: Path) -> dict[str, object] | None:
     excerpt = Excerpt(groups[0].window, groups[0].players, STEP)
     try:
         known = read_tracks(path, "commonroad", excerpt=excerpt).recording
-        explained = explain("following", None, known, 0, ahead=AHEAD)
+        explained = explain("following", None, known, 0, None)
         names, states = known.metadata.state_names, known.states[0]
         problem, y = recorded_problem(explained, names, states, None)
         table = ob.behaviours(problem, ob.Observation(y), CHOICES).set_index("behaviour")

@@ -26,6 +26,7 @@ from olne_bench.envs.tracks.checks import FEWEST_STEPS
 from olne_bench.envs.tracks.explained import DATA, Assumption, Explained, explain
 from olne_bench.errors import UserError
 from olne_bench.estimators.protocol import Estimate, Observation, Problem
+from olne_bench.estimators.shared.sample_series import with_unseen
 from olne_bench.files import check_new_file
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.observation import ComponentView, FullView, View
@@ -96,11 +97,10 @@ def recorded_problem(
     """
     game = explained.scenario.game
     view, seen = _observation(game, names, states)
-    y = np.full((game.horizon, *seen.shape[1:]), np.nan)
-    y[: len(seen)] = seen
     level = noise or max(LEAST_NOISE, float(np.nan_to_num(explained.noise)))
     scale = sensor_model(explained.scenario, (view,)).noise_scale
     spread = 0.0 if noise else NOISE_SPREAD
+    y = with_unseen(seen, game.horizon)
     return Problem(game, view, sigma=level, noise_scale=scale, sigma_spread=spread), y
 
 
@@ -123,15 +123,15 @@ def _check_seen(path: Path, states: np.ndarray, players: list[str]) -> None:
 
 
 def _check_length(path: Path, steps: int, dt: float, ahead: float = 0.0) -> None:
-    if steps + ahead / dt > MOST_STEPS:
-        if steps <= MOST_STEPS:
-            raise UserError(
-                f"--ahead {ahead:g}: {path} has {steps} steps of {dt:g} s, a game at most "
-                f"{MOST_STEPS}; expected at most {(MOST_STEPS - steps) * dt:g} s"
-            )
+    if steps > MOST_STEPS:
         raise UserError(
             f"{path} has {steps} steps of {dt:g} s, a game at most {MOST_STEPS}; import it again "
             f"with --resample {max(0.1, 2 * dt):g} or a shorter --window"
+        )
+    if steps + round(ahead / dt) > MOST_STEPS:
+        raise UserError(
+            f"--ahead {ahead:g}: {path} has {steps} steps of {dt:g} s, a game at most "
+            f"{MOST_STEPS}; expected at most {(MOST_STEPS - steps) * dt:g} s"
         )
 
 

@@ -32,6 +32,7 @@ from olne_bench.envs.tracks.road import Road
 from olne_bench.estimators.map import Map
 from olne_bench.estimators.posterior import Posterior
 from olne_bench.estimators.protocol import Observation, Problem
+from olne_bench.estimators.shared.sample_series import with_unseen
 from olne_bench.games.model.game import Game
 from olne_bench.games.model.observation import FullView
 
@@ -232,8 +233,7 @@ def _weigh(case: Case, one: Foreseen, past: _Past) -> None:
     problem = Problem(
         past.game, FullView(), _SIGMA, noise_scale=NOISE_SCALE, sigma_spread=_SIGMA_SPREAD
     )
-    to_come = np.full((past.game.horizon - len(past.states), *past.states.shape[1:]), np.nan)
-    given = problem, Observation(np.concatenate([past.states, to_come]))
+    given = problem, Observation(with_unseen(past.states, past.game.horizon))
     begun = time.perf_counter()
     found = Map().estimate(*given, rng=np.random.default_rng(0), budget=_SECONDS)
     case.seconds = time.perf_counter() - begun
