@@ -23,20 +23,21 @@ errors of ``posterior_density`` are whitened by it:
 The variances have the largest restricted likelihood at the peak of (I3), which counts what the fit
 takes from the errors:
 
-    (I4)  min  log |C| + r' C^-1 r - |M^-1 J' C^-1 r|^2 + 2 log |M| + (log f / tau)^2,
-          M M' = J' C^-1 J + P
+    (I4)  min  log |C| + r' C^-1 r - |M^-1 J' C^-1 r|^2 + 2 log |M| + (log f / tau)^2
+               + 2 sqrt b_1 + 2 sqrt b_2,        M M' = J' C^-1 J + P
 
-with residuals r, their derivative J and the prior's precision P. Noise that lasts is taken where it
-gains much. Peak and variances are found in turn.
+with residuals r, their derivative J and the prior's precision P; the noise has a prior around what
+is told. Peak and variances are found in turn.
 
 Who plans again and again does not stop planning at the last sample: at step t, its plan of T states
 ends at t + T, in the mean half a recording later. So where kicks explain the samples far better
 than none, the game is taken that ends by half of the recording later, unless the evidence for the
-told end is very strong (Laplace's approximation of the integral of I3).
+told end is very strong (Laplace's approximation of the integral of I3). Noise that lasts is taken
+where its evidence is very strong.
 
 Paper: none; restricted likelihood after Patterson and Thompson 1971.
 Assumes: what ``posterior`` does, but for kicks and the noise.
-Cost: that of ``posterior`` and a half, twice as much where games of other ends are tried.
+Cost: up to twice that of ``posterior``, three times where a later end is tried.
 Trust: its weights, where players act at random around an equilibrium, or plan again and again. It
     predicts as if no further kick came.
 """
@@ -73,7 +74,7 @@ _SPREAD, _FARTHEST, _LAG, _OFF = 0.5, 3.0, 0.8, 1.25
 _ENOUGH = 1e-5
 #: Parts of the noise in (I2).
 _NOISES = 3
-#: Twice the gain of log likelihood from which on kicks are told, and noise that lasts is taken.
+#: Twice the gain of log likelihood from which on kicks are told.
 _TOLD = 9.2
 #: Difference of log evidence that is very strong (Kass and Raftery 1995).
 _STRONG = 5.0
@@ -106,24 +107,29 @@ class Kicks:
 
     Attributes:
         deviations: (m,) standard deviation of each control.
-        noise: (3,) deviations f, b_1 and b_2 of white noise, of noise that lasts and of a bias.
+        noise: (3,) deviations of white noise, of noise that lasts and of a bias, over sigma.
         whitening: (n, n) inverse of the root of the samples' covariance, over sigma.
         gain: twice the log likelihood that kicks gain.
+        log_volume: what the log density has beside (I3): the noise's prior, the whitening's volume.
     """
 
     deviations: np.ndarray
     noise: np.ndarray
     whitening: np.ndarray
     gain: float
+    log_volume: float
 
     @classmethod
-    def most_likely(cls, place: Places, moved: np.ndarray, seen: np.ndarray) -> "Kicks":
+    def most_likely(
+        cls, place: Places, moved: np.ndarray, seen: np.ndarray, *, lasting: bool
+    ) -> "Kicks":
         """(I4) at a place of the density without kicks.
 
         Args:
             place: what is most probable so far.
             moved: samples (n, m, kicks) over sigma, moved by kicks.
             seen: (T, N, d) which samples these are.
+            lasting: whether noise may last.
         """
         n = len(moved)
         kicked = np.einsum("nmk,lmk->mnl", moved, moved)
@@ -142,18 +148,25 @@ class Kicks:
             M = cholesky(J.T @ J + precision, lower=True)
             fitted = solve_triangular(M, J.T @ r, lower=True)
             volumes = np.log(np.diag(root)).sum() + np.log(np.diag(M)).sum()
-            told = (np.log(variances[0]) / 2 / _SPREAD) ** 2
-            return float(r @ r - fitted @ fitted + 2 * volumes + told)
+            return float(r @ r - fitted @ fitted + 2 * (volumes + _surprise(variances)))
 
-        white, lasting, kicks = np.split(np.arange(len(shapes)), [1, _NOISES])
-        found, without = (_least(cost, len(shapes), [*white, *more]) for more in (kicks, ()))
-        longer = _least(cost, len(shapes), [*white, *lasting, *kicks])
-        if cost(found) - cost(longer) > _TOLD:
-            found, without = longer, _least(cost, len(shapes), [*white, *lasting])
+        noises, kicks = list(range(_NOISES if lasting else 1)), list(range(_NOISES, len(shapes)))
+        found, without = (_least(cost, len(shapes), noises + more) for more in (kicks, []))
         noise, variances = np.split(found, [_NOISES])
         whitening = solve_triangular(root_of(found), np.eye(n), lower=True)
         gain = cost(without) - cost(found)
-        return cls(np.sqrt(variances / sizes), np.sqrt(noise), whitening, gain)
+        volume = float(np.log(np.diag(whitening)).sum() - _surprise(found))
+        return cls(np.sqrt(variances / sizes), np.sqrt(noise), whitening, gain, volume)
+
+
+def _surprise(variances: np.ndarray) -> float:
+    """Less the log prior of the noise, whose variances are the first."""
+    factor, *lasting = np.sqrt(variances[:_NOISES])
+    return float((np.log(factor) / _SPREAD) ** 2 / 2 + sum(lasting))
+
+
+#: A density and its peaks, the most probable first.
+Kicked = tuple[KickedDensity, list[Peak]]
 
 
 def _least(cost: Callable[[np.ndarray], float], count: int, used: Sequence[int]) -> np.ndarray:
@@ -194,37 +207,28 @@ class Imperfect(Posterior):
         self, problem: Problem, observation: Observation, deadline: float
     ) -> tuple[GameDensity, list[Peak]]:
         known = problem, observation, deadline
-        found = self._kicked(*known)
+        plain, places = self._plain(*known)
+        found = _kicked(plain, places, lasting=False)
         if found is None:
-            return self.density(*known), []
-        if found[0].kicks.gain < _TOLD:
-            return found
-        later = self._kicked(*known, problem.game.horizon // 2, found)
-        if later is None or _log_mass(found) - _log_mass(later) > _STRONG:
-            return found
-        return later
+            return plain, []
+        best, half = found, problem.game.horizon // 2
+        if found[0].kicks.gain >= _TOLD:
+            later = self._plain(*known, half, found)
+            best = _likelier(found, _kicked(*later, lasting=False, beyond=half), -_STRONG)
+        return _likelier(best, _kicked(plain, places, lasting=True), _STRONG)
 
-    def _kicked(
+    def _plain(
         self,
         problem: Problem,
         observation: Observation,
         deadline: float,
         beyond: int = 0,
-        near: tuple[KickedDensity, list[Peak]] | None = None,
-    ) -> tuple[KickedDensity, list[Peak]] | None:
-        """(I3) of a game that ends so many steps behind the last sample; None without a peak."""
-        known = _going_on(problem, observation, beyond)
-        plain, peaks = super().peaks(*known, deadline)
+        near: Kicked | None = None,
+    ) -> tuple[GameDensity, list[Places]]:
+        """The density without kicks, of a game that ends so many steps later, and its peaks."""
+        plain, peaks = super().peaks(*_going_on(problem, observation, beyond), deadline)
         places = [one.place for one in peaks]
-        if near is not None:
-            places += _same_weights(plain, *near)
-        every = []
-        for place in places:
-            kicks = _settled(plain, place)
-            density = KickedDensity(**vars(plain), kicks=kicks, beyond=beyond)
-            kicked = different_peaks(density, map(density.whitened, places))
-            every += [(density, kicked)] if kicked else []
-        return max(every, key=_log_mass, default=None)
+        return plain, places + ([] if near is None else _same_weights(plain, *near))
 
     def _estimate(
         self,
@@ -256,16 +260,35 @@ class Imperfect(Posterior):
         return replace(found, states=states, message="; ".join(filter(None, said)), extras=extras)
 
 
-def _log_mass(found: tuple[KickedDensity, list[Peak]]) -> float:
-    """Laplace's approximation of log integral of (I3), with the volume of its whitening."""
+def _kicked(
+    plain: GameDensity, places: Sequence[Places], *, lasting: bool, beyond: int = 0
+) -> Kicked | None:
+    """(I3) of the largest mass among those of variances near each place; None without a peak."""
+    every = []
+    for place in places:
+        kicks = _settled(plain, place, lasting=lasting)
+        density = KickedDensity(**vars(plain), kicks=kicks, beyond=beyond)
+        peaks = different_peaks(density, map(density.whitened, places))
+        every += [(density, peaks)] if peaks else []
+    return max(every, key=_log_mass, default=None)
+
+
+def _likelier(one: Kicked, other: Kicked | None, least: float) -> Kicked:
+    """The other, if its log mass is larger by so much at least."""
+    return one if other is None or _log_mass(other) - _log_mass(one) < least else other
+
+
+def _log_mass(found: Kicked) -> float:
+    """Laplace's approximation of the log of an integral of (I3), with kicks and noise."""
     density, (peak, *_) = found
-    return peak.log_mass + float(np.log(np.diag(density.kicks.whitening)).sum())
+    return peak.log_mass + density.kicks.log_volume
 
 
-def _settled(density: GameDensity, place: Places) -> Kicks:
+def _settled(density: GameDensity, place: Places, *, lasting: bool) -> Kicks:
     """Kicks and the peak near a place, found in turn."""
     for _ in range(_ROUNDS):
-        kicks = Kicks.most_likely(place, _moved(density, place), np.isfinite(density.observation.y))
+        moved, seen = _moved(density, place), np.isfinite(density.observation.y)
+        kicks = Kicks.most_likely(place, moved, seen, lasting=lasting)
         kicked = KickedDensity(**vars(density), kicks=kicks)
         before, found = place.points, climbed(kicked, kicked.whitened(place))
         place = density.reach(found.points, place)

@@ -66,10 +66,11 @@ def test_players_that_keep_to_the_equilibrium_are_not_accused(kicked):
         observation, _ = make(0.0, seed)
         density, peaks = Posterior().peaks(problem, observation, np.inf)
         place = peaks[0].place
-        told.append(
-            Kicks.most_likely(place, _moved(density, place), np.isfinite(observation.y)).gain
-        )
-    assert np.median(told) < 2
+        moved, seen = _moved(density, place), np.isfinite(observation.y)
+        told += [
+            Kicks.most_likely(place, moved, seen, lasting=lasting) for lasting in (False, True)
+        ]
+    assert np.median([one.gain for one in told]) < 2
     observation, _ = make(0.0)
     plain = estimated(Posterior(), problem, observation)
     found = estimated(Imperfect(), problem, observation)
@@ -118,6 +119,7 @@ def test_players_that_plan_again_are_known_to_plan_on(kicked):
             off.append(np.abs(solve_olne(game, found.weights, true[-1]).states - follows).max())
         assert found.states.shape == true.shape
         later.append(found.extras["plans_later"])
+        assert found.extras["noise_lasting"] == 0 == found.extras["noise_bias"]
     assert np.median(later) > 0
     assert "players plan for" in found.message
     assert np.mean(errors[Imperfect]) < 0.7 * np.mean(errors[Map])
