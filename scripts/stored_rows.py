@@ -166,29 +166,41 @@ def repeat(
     relative difference are shown. It also names trials whose status changed, and says whether the
     environment of the rows is the present one. Exit code 1 if any number differs.
     """
-    rows = parquet.read_table(table).to_pylist()
+    stored = parquet.read_table(table)
+    rows = stored.to_pylist()
     if estimator:
         rows = [row for row in rows if row["estimator"] in estimator]
     chosen = random.Random(seed).sample(rows, min(number, len(rows)))
-    known = {tuple(str(row[name]) for name in KEY_COLUMNS): row for row in chosen}
+    known = {_key(row): row for row in chosen}
     whole = load_suite(suite)
     every = in_order_of_plugins(whole, draws=draws_source(suite, whole))
-    trials = [trial for trial in every if trial.key in known]
+    trials = [trial for trial in every if _key(trial.labels) in known]
     ended = list(run_trials(trials, jobs=jobs))
-    there = ", ".join(sorted({row["environment_version"] for row in chosen}))
+    there = ", ".join(sorted({row.get("environment_version", "not told") for row in chosen}))
     here = ", ".join(sorted({trial.versions.environment for trial in trials}))
     print(f"environment of the rows: {there}, here: {here}")
-    return int(_differ(known, ended))
+    short = {field.name for field in stored.schema if str(field.type) == "float"}
+    return int(_differ(known, ended, short))
 
 
-def _differ(known: dict[tuple[str, ...], Any], ended: list[tuple[Trial, Outcome]]) -> bool:
-    """Print what differs; return whether anything does."""
+def _key(labels: dict[str, Any]) -> tuple[str, ...]:
+    """What identifies a trial; small tables leave out parameters, which its estimator has."""
+    return tuple(str(labels[name]) for name in KEY_COLUMNS if name != "parameters")
+
+
+def _differ(
+    known: dict[tuple[str, ...], Any], ended: list[tuple[Trial, Outcome]], short: set[str]
+) -> bool:
+    """Print what differs of the table's columns, some of which are single precision."""
     differences: dict[str, list[float]] = {}
     for trial, outcome in ended:
-        row, again = known[trial.key], asdict(outcome)
+        row, again = known[_key(trial.labels)], asdict(outcome)
         again |= again.pop("scores")
-        for name in sorted(set(again) - set(FREE)):
-            differences.setdefault(name, []).append(_difference(row.get(name), again[name]))
+        for name in sorted(row.keys() & again.keys() - set(FREE)):
+            value = again[name]
+            if name in short and value is not None:
+                value = float(np.float32(value))
+            differences.setdefault(name, []).append(_difference(row[name], value))
         if row["status"] != outcome.status:
             print(f"{', '.join(trial.key)}: {row['status']} there, {outcome.status} here")
     equal = [name for name, found in differences.items() if not any(found)]
