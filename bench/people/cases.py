@@ -29,8 +29,8 @@ from olne_bench.envs.tracks.prediction import (
 )
 from olne_bench.envs.tracks.reading import grid_and_road, read_whole
 from olne_bench.envs.tracks.road import Road
+from olne_bench.estimators.imperfect import Imperfect
 from olne_bench.estimators.map import Map
-from olne_bench.estimators.posterior import Posterior
 from olne_bench.estimators.protocol import Observation, Problem
 from olne_bench.estimators.shared.sample_series import with_unseen
 from olne_bench.games.model.game import Game
@@ -39,6 +39,7 @@ from olne_bench.games.model.observation import FullView
 SEEN, AHEAD, FARTHER = 2.7, 3.0, 5.0  # [s]
 HORIZONS = (1.0, 2.0, 3.0, 5.0)  # [s]
 WAVE, CLOSING, DRIFTING, CALM = KINDS = "wave", "closing", "drifting", "calm"
+IMPERFECT = "imperfect"  # method of ``Case.sampled``
 #: Names of NGSIM's roads in those of files.
 _ROADS = {"US101": "US-101", "Lanker": "Lankershim", "Peach": "Peachtree"}
 #: Speeds of two leaders in a wave, and of a car and its leader, that differ by more [m/s].
@@ -80,8 +81,9 @@ class Case:
     seconds: float = np.nan  # for weights of its own
     residual: float = np.nan  # [m] of what was seen, with them
     beside: tuple[Beside, ...] = ()  # lanes that it could change to
-    samples: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 4)))  # (M, N, 4) weights
-    sampled: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 2)))  # (M, H, 2) with them
+    #: Weights (M, N, 4) of imperfect drivers, and places with them.
+    samples: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 4)))
+    sampled: np.ndarray = field(default_factory=lambda: np.empty((0, 0, 2)))  # (M, H, 2)
 
 
 def sources(paths: Iterable[Path], format_name: str) -> Iterator[Source]:
@@ -243,9 +245,11 @@ def _weigh(case: Case, one: Foreseen, past: _Past) -> None:
     if found.states is not None:
         off = (found.states[: len(past.states)] - past.states)[:, 0, :2]
         case.residual = float(np.sqrt(np.nanmean(off**2)))
-    drawn = Posterior().estimate(*given, rng=np.random.default_rng(0), budget=_SECONDS)
+    drawn = Imperfect().estimate(*given, rng=np.random.default_rng(0), budget=_SECONDS)
+    case.predicted[IMPERFECT] = case.predicted["game"]
     if drawn.converged and drawn.samples is not None:
         every = max(1, len(drawn.samples) // _SAMPLES)
         case.samples = np.asarray(drawn.samples[::every])
         played = [_played(one.drivers, one.times, theta) for theta in case.samples]
         case.sampled = np.stack(played)
+        case.predicted[IMPERFECT] = case.sampled.mean(axis=0)

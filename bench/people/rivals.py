@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.spatial.distance import cdist
 
-from olne_bench.bench.people.cases import HORIZONS, Case
+from olne_bench.bench.people.cases import HORIZONS, IMPERFECT, Case
 from olne_bench.bench.people.driver_model import fitted_idm, fitted_manners, idm, mobil
 from olne_bench.estimators.shared.population import fitted_population
 from olne_bench.games.model.weight_prior import FLAT, WeightPrior
@@ -14,6 +14,7 @@ from olne_bench.games.model.weight_prior import FLAT, WeightPrior
 #: Penalties of linear and kernel regression, and the length of the kernel in standard deviations.
 _RIDGE, _KERNEL, _LENGTH = 1.0, 1.0, 3.0
 _FARTHEST = 80.0  # [m] of a gap that counts
+POPULATION = "population"  # method of a prior that is fitted to others
 _INPUTS = 8  # of regressions
 #: Cars of a road from which its own spread is known.
 _ENOUGH = 30
@@ -35,11 +36,19 @@ class Rivals:
         """(H, 2) of all methods; a car without samples of its weights has equal ones."""
         found = {name: of(case) for name, of in self.methods.items()} | case.predicted
         if self.prior is not None:
-            found["population"] = case.predicted["game"]
-            if len(case.samples):
-                shares = shares_of(case, self.prior)
-                found["population"] = np.einsum("m,mhi->hi", shares, case.sampled)
+            shares = self.shares(POPULATION, case)
+            game = case.predicted["game"]
+            found[POPULATION] = game if shares is None else np.tensordot(shares, case.sampled, 1)
         return found
+
+    def shares(self, method: str, case: Case) -> np.ndarray | None:
+        """(M,) probabilities of a case's samples by a method that has them; else None."""
+        if not len(case.samples):
+            return None
+        if method == POPULATION and self.prior is not None:
+            return shares_of(case, self.prior)
+        count = len(case.samples)
+        return np.full(count, 1 / count) if method == IMPERFECT else None
 
     def spread(self, method: str, road: str) -> np.ndarray:
         """(H, 2) mean errors [m] of a method on a road, or on all roads."""

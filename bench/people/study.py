@@ -11,13 +11,13 @@ from itertools import product
 import numpy as np
 import pandas as pd
 
-from olne_bench.bench.people.cases import AHEAD, HORIZONS, KINDS, Case
-from olne_bench.bench.people.rivals import Rivals, fitted_to, shares_of
+from olne_bench.bench.people.cases import AHEAD, HORIZONS, IMPERFECT, KINDS, Case
+from olne_bench.bench.people.rivals import POPULATION, Rivals, fitted_to
 from olne_bench.errors import UserError
 
 METHODS = (
-    *("straight", "controls", "game", "alone", "own weights", "population", "intent"),
-    "leader known",
+    *("straight", "controls", "game", "alone", "own weights", IMPERFECT, POPULATION),
+    *("intent", "leader known"),
     *("idm", "mobil", "ridge", "kernel"),
 )
 FIRST, SECOND, BOTH = "first", "second", "both"
@@ -26,7 +26,10 @@ _NINETY = np.log(10.0)
 _DRAWS = 2000  # of the bootstrap
 _LEAST = 3  # pieces of which there is a summary
 #: What methods are compared with, beside driving straight on.
-_BESIDE = {"game": ("alone", "idm"), "own weights": ("game",), "population": ("game",)}
+_BESIDE = {
+    "game": ("alone", "idm"),
+    **dict.fromkeys(("own weights", IMPERFECT, POPULATION), ("game",)),
+}
 
 
 def second_half(pieces: dict[str, str]) -> set[str]:
@@ -65,8 +68,8 @@ def _rows(case: Case, rivals: Rivals) -> Iterator[dict[str, object]]:
         off = places - case.happened
         spread = rivals.spread(method, case.road)[: len(off)]
         score = np.log(2 * spread) + np.abs(off) / spread
-        if method == "population" and rivals.prior is not None and len(case.samples):
-            shares = shares_of(case, rivals.prior)
+        shares = rivals.shares(method, case)
+        if shares is not None:
             apart = np.abs(case.sampled[:, :, 0] - case.happened[:, 0]) / spread[:, 0]
             score[:, 0] = np.log(2 * spread[:, 0]) - np.log(shares @ np.exp(-apart) + 1e-300)
         region = case.claimed if method == "game" else _NINETY * spread

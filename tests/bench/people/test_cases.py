@@ -6,7 +6,15 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from olne_bench.bench.people.cases import CALM, CLOSING, HORIZONS, WAVE, cases_in, sources
+from olne_bench.bench.people.cases import (
+    CALM,
+    CLOSING,
+    HORIZONS,
+    IMPERFECT,
+    WAVE,
+    cases_in,
+    sources,
+)
 
 
 def cases(data, weights=False):
@@ -63,3 +71,4 @@ def test_weights_of_its_own_explain_what_was_seen(data):
         assert case.samples.shape[1:] == (count, 4) and (case.samples > 0).all()
         assert case.sampled.shape == (len(case.samples), *case.happened.shape)
         assert case.predicted["own weights"].shape == case.happened.shape
+        assert case.predicted[IMPERFECT] == pytest.approx(case.sampled.mean(axis=0))
