@@ -49,7 +49,7 @@ _BESIDE, _DRIFT = 0.5, 0.3
 #: Displacements that tell motions apart.
 _TUPLE = 25
 #: Noise of what is seen [m], its logarithm's standard deviation, and the time for weights [s].
-_SIGMA, _SIGMA_SPREAD, _SECONDS = 0.1, 1.0, 20.0
+_SIGMA, _SIGMA_SPREAD, _SECONDS = 0.1, 1.0, 60.0
 _SAMPLES = 100  # of the posterior, that are played
 
 
