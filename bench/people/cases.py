@@ -50,7 +50,8 @@ _BESIDE, _DRIFT = 0.5, 0.3
 _TUPLE = 25
 #: Noise of what is seen [m], its logarithm's standard deviation, and the time for weights [s].
 _SIGMA, _SIGMA_SPREAD, _SECONDS = 0.1, 1.0, 60.0
-_SAMPLES = 100  # of the posterior, that are played
+#: Samples that are played.
+_LOOSE = Imperfect(first=100, more=50, most=400, enough=100, count=100)
 
 
 @dataclass(frozen=True)
@@ -245,11 +246,10 @@ def _weigh(case: Case, one: Foreseen, past: _Past) -> None:
     if found.states is not None:
         off = (found.states[: len(past.states)] - past.states)[:, 0, :2]
         case.residual = float(np.sqrt(np.nanmean(off**2)))
-    drawn = Imperfect().estimate(*given, rng=np.random.default_rng(0), budget=_SECONDS)
+    drawn = _LOOSE.estimate(*given, rng=np.random.default_rng(0), budget=_SECONDS)
     case.predicted[IMPERFECT] = case.predicted["game"]
     if drawn.converged and drawn.samples is not None:
-        every = max(1, len(drawn.samples) // _SAMPLES)
-        case.samples = np.asarray(drawn.samples[::every])
+        case.samples = np.asarray(drawn.samples)
         played = [_played(one.drivers, one.times, theta) for theta in case.samples]
         case.sampled = np.stack(played)
         case.predicted[IMPERFECT] = case.sampled.mean(axis=0)
