@@ -15,6 +15,8 @@ _SIZE = 3.6, 3.2  # of a panel [inch]
 _MOST = 9
 #: Room of a name: in shares noticed, and of the ordinate.
 _WIDE, _TALL = 0.3, 0.035
+#: Part of the ordinate, the same in all panels, that is free above and below.
+_ROOM = 0.05
 #: Colours of kinds of changes.
 _KINDS = {"behaviours": "#0072B2", "wrong models": "#D55E00", "wrong noise": "#5C5C3D"}
 #: Errors that may be drawn, the first that a run has.
@@ -47,7 +49,10 @@ def draw(table: pd.DataFrame) -> Figure:
     ].mean()
     names = style.estimator_order(means["estimator"].tolist())
     figure, axes = style.grid(names, _SIZE, _MOST)
+    low, high = min(means["log"].min(), 0.0), max(means["log"].max(), 0.0)
+    room = _ROOM * (high - low)
     for name, panel in zip(names, axes, strict=False):
+        panel.set(yscale="log", ylim=np.exp([low - room, high + room]))
         _panel(panel, means[means["estimator"] == name], _ERRORS[error])
     scenarios = tested["of"].unique()
     only = f" ({scenarios[0]})" if len(scenarios) == 1 else ""
@@ -61,7 +66,6 @@ def _panel(axes: Axes, means: pd.DataFrame, error: str) -> None:
     axes.set(xlim=(-0.03, 1.28), xlabel="Noticed by the fit test")
     axes.set_xticks(np.linspace(0, 1, 5))
     axes.set_ylabel(f"{error} over that of the true model")
-    axes.set_yscale("log")
     axes.yaxis.set_major_formatter(style.plain)
     axes.yaxis.set_minor_formatter(NullFormatter())
     style.percent(axes.xaxis)
