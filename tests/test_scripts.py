@@ -7,6 +7,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
+from olne_bench.bench.plan.trial import KEY_COLUMNS
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.games.solve.olne import solve_olne
 
@@ -42,13 +43,17 @@ class Again:
 
 
 def test_a_row_that_is_run_again_is_compared_number_by_number(script, capsys):
-    differ = script("stored_rows")._differ
-    trial = type("Trial", (), {"key": ("a",)})
-    known = {("a",): {"status": "ok", "cosine_error": 0.5, "motion": b"x"}}
+    stored = script("stored_rows")
+    trial = type("Trial", (), {"key": ("a",), "labels": dict.fromkeys(KEY_COLUMNS, "a")})
+    known = {stored._key(trial.labels): {"status": "ok", "cosine_error": 0.5, "motion": b"x"}}
     same = [(trial, Again("ok", {"cosine_error": 0.5, "motion": b"x"}))]
-    assert not differ(known, same)
+    assert not stored._differ(known, same, set())
+    rounded = [(trial, Again("ok", {"cosine_error": 0.5 + 1e-9, "motion": b"x"}))]
+    assert stored._differ(known, rounded, set())
+    assert not stored._differ(known, rounded, {"cosine_error"})  # single precision
     other = [(trial, Again("ok", {"cosine_error": 0.25, "motion": b"y"}))]
-    assert differ(known, other)
+    capsys.readouterr()
+    assert stored._differ(known, other, set())
     printed = capsys.readouterr().out
     assert "cosine_error: 1 rows differ, relatively by 0.5 in the median" in printed
     assert "motion: 1 rows differ" in printed
@@ -60,3 +65,13 @@ def test_rows_of_the_results_run_again(script, capsys):
     printed = capsys.readouterr().out
     assert len(kept) >= 3 and "3 rows; equal in all: " in printed
     assert "status" in printed.partition("equal in all: ")[2].partition("\n")[0]
+
+
+def test_rows_of_a_small_table_run_again(script, capsys):
+    """It has neither parameters nor the environment, and single precision."""
+    table = RESULTS / "parameters/trials.parquet"
+    given = {"estimator": ("uniform",), "number": 3, "jobs": 1}
+    script("stored_rows").repeat(table, "parameters", **given)
+    printed = capsys.readouterr().out
+    assert "3 rows; equal in all: " in printed and "environment of the rows: not told" in printed
+    assert "cosine_error" in printed.partition("equal in all: ")[2].partition("\n")[0]
