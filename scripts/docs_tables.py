@@ -198,7 +198,7 @@ def traffic() -> pd.DataFrame:
 def people() -> pd.DataFrame:
     """Errors along the lane over those of driving straight on, by road and half."""
     table = _csv("people", "summary").query("ahead == 3 and kind == 'all'")
-    methods = ("game", "alone", "own weights", "idm", "kernel")
+    methods = ("game", "own weights", "imperfect", "idm", "kernel")
     table = table[table["method"].isin(methods) & table["half"].isin(["both", "second"])]
     ends = table["over_straight_low"], table["over_straight_high"]
     cells = [

@@ -92,6 +92,8 @@ ON_BOTH_ROADS = {
     ".wave": ("wave", 3, "game", "over_alone", True),
     ".wave5": ("wave", 5, "game", "over_alone", False),
     ".weights": ("all", 3, "own weights", "over_game", True),
+    ".imperfect": ("all", 3, "imperfect", "over_game", True),
+    ".loose": ("all", 3, "imperfect", "over_straight", False),
 }
 
 # ------------------------------------------------------------------------------------- behaviours
@@ -247,9 +249,10 @@ VALUES: dict[str, Callable[[], str]] = {
         for name, road in (("us", "US-101"), ("lankershim", "Lankershim"))
         for part, given in ON_BOTH_ROADS.items()
     },
-    "people.nash.weights": partial(
-        _people, "Nash", *ON_BOTH_ROADS[".weights"], file="nash_summary"
-    ),
+    **{
+        f"people.nash{part}": partial(_people, "Nash", *ON_BOTH_ROADS[part], file="nash_summary")
+        for part in (".weights", ".imperfect")
+    },
     "people.held": _held,
     "results.old": lambda: f"{len(old())} of {len(SUITES) + len(MODULES)}",
     "behaviours.motions": lambda: str(_decided()[0]),

@@ -5,7 +5,7 @@ from matplotlib.figure import Figure
 
 from olne_bench.bench.report.figures import style
 
-_SHOWN = ("game", "own weights", "population", "alone", "idm", "ridge", "kernel")
+_SHOWN = ("game", "imperfect", "own weights", "alone", "idm", "ridge", "kernel")
 _PANELS = 2
 
 
