@@ -167,40 +167,47 @@ def repeat(
     environment of the rows is the present one. Exit code 1 if any number differs.
     """
     stored = parquet.read_table(table)
-    rows = stored.to_pylist()
+    rows, columns = stored.to_pylist(), {one.name: str(one.type) for one in stored.schema}
     if estimator:
         rows = [row for row in rows if row["estimator"] in estimator]
     chosen = random.Random(seed).sample(rows, min(number, len(rows)))
-    known = {_key(row): row for row in chosen}
+    known = {_key(row, columns): row for row in chosen}
     whole = load_suite(suite)
     every = in_order_of_plugins(whole, draws=draws_source(suite, whole))
-    trials = [trial for trial in every if _key(trial.labels) in known]
+    trials = [trial for trial in every if _key(trial.labels, columns) in known]
     ended = list(run_trials(trials, jobs=jobs))
     there = ", ".join(sorted({row.get("environment_version", "not told") for row in chosen}))
     here = ", ".join(sorted({trial.versions.environment for trial in trials}))
     print(f"environment of the rows: {there}, here: {here}")
-    short = {field.name for field in stored.schema if str(field.type) == "float"}
-    return int(_differ(known, ended, short))
+    return int(_differ(known, ended, columns))
 
 
-def _key(labels: dict[str, Any]) -> tuple[str, ...]:
-    """What identifies a trial; small tables leave out parameters, which its estimator has."""
-    return tuple(str(labels[name]) for name in KEY_COLUMNS if name != "parameters")
+def _key(labels: dict[str, Any], columns: dict[str, str]) -> tuple[str, ...]:
+    """What identifies a trial in a table of such columns; small ones leave out parameters."""
+    return tuple(str(labels[name]) for name in KEY_COLUMNS if name in columns)
 
 
 def _differ(
-    known: dict[tuple[str, ...], Any], ended: list[tuple[Trial, Outcome]], short: set[str]
+    known: dict[tuple[str, ...], Any],
+    ended: list[tuple[Trial, Outcome]],
+    columns: dict[str, str],
 ) -> bool:
-    """Print what differs of the table's columns, some of which are single precision."""
+    """Print what differs, and return whether anything does.
+
+    ``columns`` are the table's, with their types. What a small table leaves out is not compared.
+    """
+    small = "parameters" not in columns
     differences: dict[str, list[float]] = {}
     for trial, outcome in ended:
-        row, again = known[_key(trial.labels)], asdict(outcome)
+        row, again = known[_key(trial.labels, columns)], asdict(outcome)
         again |= again.pop("scores")
-        for name in sorted(row.keys() & again.keys() - set(FREE)):
+        for name in sorted(again.keys() - set(FREE)):
             value = again[name]
-            if name in short and value is not None:
+            if small and name not in columns:
+                continue
+            if columns.get(name) == "float" and value is not None:  # single precision
                 value = float(np.float32(value))
-            differences.setdefault(name, []).append(_difference(row[name], value))
+            differences.setdefault(name, []).append(_difference(row.get(name), value))
         if row["status"] != outcome.status:
             print(f"{', '.join(trial.key)}: {row['status']} there, {outcome.status} here")
     equal = [name for name, found in differences.items() if not any(found)]

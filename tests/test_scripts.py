@@ -45,15 +45,20 @@ class Again:
 def test_a_row_that_is_run_again_is_compared_number_by_number(script, capsys):
     stored = script("stored_rows")
     trial = type("Trial", (), {"key": ("a",), "labels": dict.fromkeys(KEY_COLUMNS, "a")})
-    known = {stored._key(trial.labels): {"status": "ok", "cosine_error": 0.5, "motion": b"x"}}
+    columns = dict.fromkeys((*KEY_COLUMNS, "status", "cosine_error", "motion"), "double")
+    known = {
+        stored._key(trial.labels, columns): {"status": "ok", "cosine_error": 0.5, "motion": b"x"}
+    }
     same = [(trial, Again("ok", {"cosine_error": 0.5, "motion": b"x"}))]
-    assert not stored._differ(known, same, set())
+    assert not stored._differ(known, same, columns)
     rounded = [(trial, Again("ok", {"cosine_error": 0.5 + 1e-9, "motion": b"x"}))]
-    assert stored._differ(known, rounded, set())
-    assert not stored._differ(known, rounded, {"cosine_error"})  # single precision
+    assert stored._differ(known, rounded, columns)
+    assert not stored._differ(known, rounded, {**columns, "cosine_error": "float"})
+    more = [(trial, Again("ok", {"cosine_error": 0.5, "motion": b"x", "crps": 1.0}))]
+    assert stored._differ(known, more, columns)  # a column that the whole table lacks
     other = [(trial, Again("ok", {"cosine_error": 0.25, "motion": b"y"}))]
     capsys.readouterr()
-    assert stored._differ(known, other, set())
+    assert stored._differ(known, other, columns)
     printed = capsys.readouterr().out
     assert "cosine_error: 1 rows differ, relatively by 0.5 in the median" in printed
     assert "motion: 1 rows differ" in printed
