@@ -115,7 +115,8 @@ def _filled(table: pd.DataFrame, metrics: Sequence[MetricDeclaration]) -> pd.Dat
     measured_last = ["refuted", "limit_ratio", "solve_seconds_median"]
     others = [name for name in table if name not in {*shown, *measured_last}]
     shares = dict.fromkeys((name for name in shown if name.endswith("_trials")), int)
-    return table[[*others, *shown, *measured_last]].fillna(dict.fromkeys(shares, 0)).astype(shares)
+    filled = table[[*others, *shown, *measured_last]].fillna(dict.fromkeys(shares, 0))
+    return filled.astype(shares).copy()  # in one block again: of many, pandas warns
 
 
 def _columns(trials: pd.DataFrame, metrics: Sequence[MetricDeclaration], study: Study) -> Columns:
