@@ -46,8 +46,8 @@ def command(
     return decorated
 
 
-class FiniteRange(click.FloatRange):
-    """A range of finite numbers; a plain range accepts nan and infinity."""
+class Finite(click.types.FloatParamType):
+    """A finite number; click accepts nan and infinity."""
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -56,6 +56,10 @@ class FiniteRange(click.FloatRange):
         if not math.isfinite(number):
             self.fail(f"{value} is not a finite number.", param, ctx)
         return number
+
+
+class FiniteRange(click.FloatRange, Finite):
+    """A range of finite numbers."""
 
 
 def number_pair(text: str) -> tuple[float, float]:

@@ -6,6 +6,7 @@ from olne_bench.bench.commands.options import (
     BUDGET,
     JOBS,
     PATH,
+    Finite,
     FiniteRange,
     command,
     memory_option,
@@ -90,7 +91,7 @@ def record() -> None:
 )
 @click.option("--part", help="Part of a file whose player names repeat, such as a case.")
 @click.option("--flip-y", is_flag=True, help="Reverse the direction of y.")
-@click.option("--rotate", type=FiniteRange(), default=0.0, help="Then rotate the tracks [degrees].")
+@click.option("--rotate", type=Finite(), default=0.0, help="Then rotate the tracks [degrees].")
 @click.option(
     "--shift", type=number_pair, metavar="A,B", default="0,0", help="Then shift them by x,y [m]."
 )
@@ -124,7 +125,7 @@ def groups() -> None:
 @shown("--format", "format_name", default="csv", metavar="|".join(FORMATS), help="What TRACKS is.")
 @click.option("--road", type=PATH, help="Lanes, as for 'olne-bench import'.")
 @click.option("--part", help="Part of a file whose player names repeat.")
-@click.option("--at", type=FiniteRange(), help="Last time that is seen [s]. Default: the last one.")
+@click.option("--at", type=Finite(), help="Last time that is seen [s]. Default: the last one.")
 @shown("--ahead", type=FiniteRange(min=0), default=3.0, help="How far to look ahead [s].")
 @click.option(
     "--players", type=names, default="", help="Whom to predict, separated by commas. Default: all."
@@ -148,7 +149,7 @@ def predict() -> None:
 )
 @click.option("--out", type=PATH, required=True, help="Folder for errors, table and figure.")
 @click.option("--open", "second", is_flag=True, help="Open the second half of the recordings.")
-@click.option("--weights", is_flag=True, help="Also weights of each driver, which take seconds.")
+@click.option("--weights", is_flag=True, help="Also weights of each driver, up to a minute each.")
 @shown("--jobs", type=JOBS, default=2, help="Number of processes.")
 def people() -> None:
     """Measure how well the drivers in DATA, a folder of recordings with lanes, are predicted.
