@@ -249,6 +249,13 @@ def test_help_has_a_sentence_on_every_command(capsys):
         assert re.search(rf"^  {name} +[A-Z].*", said, re.MULTILINE), name
 
 
+@pytest.mark.parametrize("name", sorted(COMMANDS))
+def test_no_help_names_a_bound_that_is_not_there(name, capsys):
+    main([name, "--help"])
+    said = capsys.readouterr().out
+    assert "Usage:" in said and "=None" not in said
+
+
 @pytest.mark.parametrize("runs", [1, 2, 3])
 @pytest.mark.parametrize("salt", ["", "pepper"])
 def test_a_status_begins_with_the_runs_and_the_last_of_them(runs, salt):
