@@ -41,7 +41,7 @@ NEGLIGIBLE = 1e-7
 FREE = ("message", "extras", "solve_seconds", "trial_seconds")
 
 
-def optima(runs: tuple[Path, ...], estimators: tuple[str, ...] = ("kkt_constrained",) * 2) -> None:
+def optima(run: Path, other: Path, estimators: tuple[str, ...] = ("kkt_constrained",) * 2) -> None:
     """Check whether two estimators that minimise the squared error found the same optima.
 
         olne-bench run scripts/paper_ipopt.toml --out runs/ipopt      (half an hour)
@@ -51,7 +51,7 @@ def optima(runs: tuple[Path, ...], estimators: tuple[str, ...] = ("kkt_constrain
     sequences have the same objective (to a relative 1e-6), how far their weights are apart, how
     often the second one's objective is lower or higher, and the medians of their errors.
     """
-    first, second = map(_solved, runs, estimators)
+    first, second = _solved(run, estimators[0]), _solved(other, estimators[-1])
     rows = first.merge(second, on=SEQUENCE, suffixes=("_1", "_2"))
     table = rows.groupby(SEQUENCE[:2]).apply(_compared)
     print(table.to_string(float_format=lambda value: f"{value:.3g}"))
@@ -86,7 +86,7 @@ def _compared(rows: pd.DataFrame) -> pd.Series:
     )
 
 
-def ranks(runs: tuple[Path, ...]) -> None:
+def ranks(run: Path, other: Path) -> None:
     """Compare two runs of a suite on different draws: same scores, and medians within intervals?
 
         olne-bench run roads --out runs/roads
@@ -98,6 +98,7 @@ def ranks(runs: tuple[Path, ...]) -> None:
     as both are of draws; that share is printed, too. Prints shares and what does not agree, and
     where one run's significant win in a scenario is the other's loss.
     """
+    runs = run, other
     levels = [pd.read_csv(folder / "errors_by_noise.csv") for folder in runs]
     scored = all((folder / "scores.csv").is_file() for folder in runs)
     if not scored:
