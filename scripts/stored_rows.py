@@ -38,7 +38,7 @@ PAIR = ["scenario", "estimator", "other"]
 ERRORS = ("position_error", "cosine_error")
 NEGLIGIBLE = 1e-7
 #: They depend on the machine, or enter no table.
-FREE = ("message", "extras", "solve_seconds", "trial_seconds")
+FREE = ("message", "extras", "solve_seconds", "trial_seconds", "scene", "motion")
 
 
 def optima(run: Path, other: Path, estimators: tuple[str, ...] = ("kkt_constrained",) * 2) -> None:

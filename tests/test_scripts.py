@@ -69,6 +69,7 @@ def test_rows_of_the_results_run_again(script, capsys):
     script("stored_rows").repeat(RESULTS / "sensors/trials.parquet", "sensors", number=3, jobs=1)
     printed = capsys.readouterr().out
     assert len(kept) >= 3 and "3 rows; equal in all: " in printed
+    assert "scene" not in printed and "motion" not in printed  # these enter no table
     assert "status" in printed.partition("equal in all: ")[2].partition("\n")[0]
 
 
