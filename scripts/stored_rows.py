@@ -37,8 +37,9 @@ LEVEL = ["scenario", "sensor", "sigma", "estimator"]
 PAIR = ["scenario", "estimator", "other"]
 ERRORS = ("position_error", "cosine_error")
 NEGLIGIBLE = 1e-7
-#: They depend on the machine, or enter no table.
-FREE = ("message", "extras", "solve_seconds", "trial_seconds", "scene", "motion")
+#: They depend on the machine, or enter no table; pictures enter few.
+FREE = ("message", "extras", "solve_seconds", "trial_seconds")
+PICTURES = ("scene", "motion")
 
 
 def optima(run: Path, other: Path, estimators: tuple[str, ...] = ("kkt_constrained",) * 2) -> None:
@@ -204,7 +205,7 @@ def _differ(
         again |= again.pop("scores")
         for name in sorted(again.keys() - set(FREE)):
             value = again[name]
-            if small and name not in columns:
+            if name not in columns and (small or name in PICTURES):
                 continue
             if columns.get(name) == "float" and value is not None:  # single precision
                 value = float(np.float32(value))
