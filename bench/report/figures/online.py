@@ -8,7 +8,7 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import NullFormatter, SymmetricalLogLocator
 
 from olne_bench.bench.plan.kinds import REFERENCES
 from olne_bench.bench.report.figures import style
@@ -146,6 +146,8 @@ def quarter_figures(table: pd.DataFrame) -> Iterator[tuple[str, Figure]]:
     axes.set_xticklabels(labels)
     axes.set_ylabel("Regret [% of what standing costs]")
     axes.set_yscale("symlog", linthresh=1.0)
+    ticks = SymmetricalLogLocator(base=10, linthresh=1.0, subs=[1.0, 2.0, 5.0])
+    axes.yaxis.set_major_locator(ticks)
     axes.yaxis.set_major_formatter(style.plain)
     style.entitle(
         figure, "Regret against the oracle, by the value of knowing the others (95 % intervals)"
