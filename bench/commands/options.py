@@ -47,7 +47,7 @@ def command(
 
 
 class Finite(click.types.FloatParamType):
-    """A finite number; click accepts nan and infinity."""
+    """A finite number; click takes nan and infinity, too."""
 
     def convert(
         self, value: Any, param: click.Parameter | None, ctx: click.Context | None
@@ -58,7 +58,7 @@ class Finite(click.types.FloatParamType):
         return number
 
 
-class FiniteRange(click.FloatRange, Finite):
+class FiniteRange(Finite, click.FloatRange):
     """A range of finite numbers."""
 
 
