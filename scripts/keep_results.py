@@ -63,6 +63,7 @@ def main(runs: Path) -> int:
     copy(runs / "predictions", RESULTS / "predictions", "summary.csv", "over_time.csv")
     copy(runs / "predictions", RESULTS / "predictions", "comparisons.csv")
     call("scripts/docs_tables.py")
+    call("scripts/dataset.py", "write")
     size = sum(path.stat().st_size for path in RESULTS.rglob("*") if path.is_file())
     print(f"results: {size / 1e6:.1f} MB of at most {ALL / 1e6:.0f}")
     return int(size > ALL)
