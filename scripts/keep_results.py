@@ -52,11 +52,17 @@ def main(runs: Path) -> int:
         if (runs / name).is_dir():
             call("-m", "olne_bench", "report", runs / name)
             keep(runs / name, RESULTS / name, figures)
-            call("scripts/stale_results.py", "--record", name, "--run", runs / name)
+            record(name, runs / name)
     if (runs / "calibration").is_dir():
         call("scripts/known_cells.py", runs / "calibration")
         call("scripts/two_modes.py")
         fewer_colours(RESULTS / "calibration")
+    if (runs / "several").is_dir():
+        call("scripts/several_trajectories.py", runs / "several")
+        fewer_colours(RESULTS / "several_trajectories")
+        record("several_trajectories", runs / "several")
+    if (runs / "encounters").is_dir():
+        keep_encounters(runs / "encounters", RESULTS / "encounters")
     if parts := sorted(runs.glob("misspecified*")):
         keep_damage(parts, RESULTS / "misspecified")
     copy(runs / "roads", RESULTS / "roads", "comparisons.csv")
@@ -92,6 +98,17 @@ def keep(run: Path, out: Path, figures: tuple[str, ...]) -> None:
     fewer_colours(out)
 
 
+def keep_encounters(run: Path, out: Path) -> None:
+    """Copy a study of encounters, its drives as Parquet."""
+    call("-m", "olne_bench", "report", run)
+    copy(run, out, "quarters.csv", "summary.csv", "tests.csv")
+    drives = pa.Table.from_pandas(pd.read_csv(run / "episodes.csv"), preserve_index=False)
+    parquet.write_table(drives, out / "episodes.parquet", **parquet_options(drives.schema))
+    copy(run / "figures", out, "regret_by_value.png")
+    fewer_colours(out)
+    record("encounters", run)
+
+
 def keep_damage(parts: list[Path], out: Path) -> None:
     """Copy what wrong models cost, from runs of parts of the suite; pictures of a few methods."""
     out.mkdir(exist_ok=True)
@@ -123,6 +140,11 @@ def copy(run: Path, out: Path, *patterns: str) -> None:
         for path in run.glob(pattern):
             out.mkdir(parents=True, exist_ok=True)
             shutil.copy(path, out)
+
+
+def record(study: str, run: Path) -> None:
+    """Note by which code the rows of a study were made."""
+    call("scripts/stale_results.py", "--record", study, "--run", run)
 
 
 def call(*words: str | Path) -> None:

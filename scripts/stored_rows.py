@@ -7,7 +7,7 @@ python scripts/stored_rows.py plausible runs/roads
 """
 
 import random
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -37,9 +37,8 @@ LEVEL = ["scenario", "sensor", "sigma", "estimator"]
 PAIR = ["scenario", "estimator", "other"]
 ERRORS = ("position_error", "cosine_error")
 NEGLIGIBLE = 1e-7
-#: They depend on the machine, or enter no table; pictures enter few.
-FREE = ("message", "extras", "solve_seconds", "trial_seconds")
-PICTURES = ("scene", "motion")
+#: They depend on the machine.
+FREE = ("message", "extras", "solve_seconds")
 
 
 def optima(run: Path, other: Path, estimators: tuple[str, ...] = ("kkt_constrained",) * 2) -> None:
@@ -201,11 +200,10 @@ def _differ(
     small = "parameters" not in columns
     differences: dict[str, list[float]] = {}
     for trial, outcome in ended:
-        row, again = known[_key(trial.labels, columns)], asdict(outcome)
-        again |= again.pop("scores")
+        row, again = known[_key(trial.labels, columns)], outcome.columns | outcome.scores
         for name in sorted(again.keys() - set(FREE)):
             value = again[name]
-            if name not in columns and (small or name in PICTURES):
+            if small and name not in columns:
                 continue
             if columns.get(name) == "float" and value is not None:  # single precision
                 value = float(np.float32(value))

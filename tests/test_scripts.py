@@ -1,12 +1,12 @@
 """Scripts that nothing else runs keep working: rivals of the solvers, and rows run again."""
 
 import importlib
-from dataclasses import dataclass
 from pathlib import Path
 
 import pandas as pd
 import pytest
 
+from olne_bench.bench.plan.outcome import Outcome
 from olne_bench.bench.plan.trial import KEY_COLUMNS
 from olne_bench.envs.scenarios import get_scenario
 from olne_bench.games.solve.olne import solve_olne
@@ -36,12 +36,6 @@ def test_rivals_find_the_optimum_of_the_joint_method(script):
     )
 
 
-@dataclass(frozen=True)
-class Again:
-    status: str
-    scores: dict
-
-
 def test_a_row_that_is_run_again_is_compared_number_by_number(script, capsys):
     stored = script("stored_rows")
     trial = type("Trial", (), {"key": ("a",), "labels": dict.fromkeys(KEY_COLUMNS, "a")})
@@ -49,14 +43,14 @@ def test_a_row_that_is_run_again_is_compared_number_by_number(script, capsys):
     known = {
         stored._key(trial.labels, columns): {"status": "ok", "cosine_error": 0.5, "motion": b"x"}
     }
-    same = [(trial, Again("ok", {"cosine_error": 0.5, "motion": b"x"}))]
+    same = [(trial, Outcome("ok", scores={"cosine_error": 0.5, "motion": b"x"}))]
     assert not stored._differ(known, same, columns)
-    rounded = [(trial, Again("ok", {"cosine_error": 0.5 + 1e-9, "motion": b"x"}))]
+    rounded = [(trial, Outcome("ok", scores={"cosine_error": 0.5 + 1e-9, "motion": b"x"}))]
     assert stored._differ(known, rounded, columns)
     assert not stored._differ(known, rounded, {**columns, "cosine_error": "float"})
-    more = [(trial, Again("ok", {"cosine_error": 0.5, "motion": b"x", "crps": 1.0}))]
+    more = [(trial, Outcome("ok", scores={"cosine_error": 0.5, "motion": b"x", "crps": 1.0}))]
     assert stored._differ(known, more, columns)  # a column that the whole table lacks
-    other = [(trial, Again("ok", {"cosine_error": 0.25, "motion": b"y"}))]
+    other = [(trial, Outcome("ok", scores={"cosine_error": 0.25, "motion": b"y"}))]
     capsys.readouterr()
     assert stored._differ(known, other, columns)
     printed = capsys.readouterr().out

@@ -66,6 +66,8 @@ def test_memory_has_a_default_that_is_shown():
         (Finite(), "-inf", False),
         (Finite(), "nan", False),
         (Finite(), "-1e300", True),
+        (FiniteRange(), "-inf", False),
+        (FiniteRange(), "-1e300", True),
         (FiniteRange(max=3), "nan", False),
         (FiniteRange(max=3), "3.1", False),
     ],
