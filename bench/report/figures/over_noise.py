@@ -19,6 +19,7 @@ from olne_bench.bench.report.study import USUAL, Study, in_table, primary
 
 _ERRORS, _FAILURES, _KNOWN = (3.5, 2.9), (3.5, 2.6), (3.4, 2.9)  # sizes of a panel [inch]
 _DECADES = 5  # of errors at most, below the largest one
+_PAIR = 2  # sensors, of which three metrics are drawn
 _LEAST = 0.05  # of the upper end of failures
 
 
@@ -38,6 +39,8 @@ def draw_errors(trials: pd.DataFrame, study: Study = USUAL) -> Figure:
     metrics = metrics[: max(1, style.MOST_PANELS // len(sensors))]
     table = errors_by_noise(attempts, study, metrics)
     places = [(metric, sensor) for metric in metrics for sensor in sensors]
+    if len(sensors) == _PAIR:  # three metrics of a sensor in a row, not an odd mixture
+        places = [(metric, sensor) for sensor in sensors for metric in metrics]
     figure, axes = style.grid([sensor for _, sensor in places], _ERRORS)
     for (metric, sensor), panel in zip(places, axes, strict=False):
         _errors(panel, table, metric, sensor)

@@ -17,8 +17,11 @@ def errors(trials, study):
 def test_medians_with_intervals_by_sensor_the_primary_metric_first(make_trials, usual) -> None:
     trials = make_trials(estimators=("a", "uniform"), seeds=9)
     figure = errors(trials, usual)
-    assert [axes.get_title() for axes in figure.axes] == ["full", "partial"] * 3
-    assert figure.axes[0].get_ylabel() == "Position error [m]"
+    # A row of a sensor, a column of a metric.
+    assert [axes.get_title() for axes in figure.axes] == ["full"] * 3 + ["partial"] * 3
+    metrics = [axes.get_ylabel() for axes in figure.axes]
+    assert metrics[0] == "Position error [m]"
+    assert metrics[:3] == metrics[3:] and len(set(metrics)) == 3
     own = trials[(trials["estimator"] == "a") & (trials["sensor"] == "full")]
     medians = own.groupby("sigma")["position_error"].median()
     line = next(line for line in figure.axes[0].lines if line.get_marker() != "None")
