@@ -129,6 +129,11 @@ def _drives(planner: str, column: str) -> str:
     return f"{row[column]:.0f}"
 
 
+def _late(planner: str) -> str:
+    """Share [%] of a planner's estimates that came late, in all encounters."""
+    return f"{100 * _row('encounters/quarters.csv', quarter='all', planner=planner)['late']:.0f}"
+
+
 def _score(estimator: str, gain: bool) -> str:
     """Score by position errors over all roads and sensors, or by how much smaller errors are."""
     table = _table("roads/scores.csv")
@@ -272,6 +277,7 @@ VALUES: dict[str, Callable[[], str]] = {
     "encounters.constant": partial(_drives, "constant_velocity", "collisions"),
     "encounters.drives": partial(_drives, "map", "drives"),
     "encounters.cycle": partial(_drives, "map", "cycle_99"),
+    "encounters.late": partial(_late, "posterior_contingency"),
     "encounters.samples": partial(_drives, "map_contingency", "cycle_99"),
     "roads.map.score": partial(_score, "map", False),
     "roads.map.gain": partial(_score, "map", True),

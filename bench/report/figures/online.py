@@ -136,8 +136,8 @@ def quarter_figures(table: pd.DataFrame) -> Iterator[tuple[str, Figure]]:
         reach = np.nan_to_num(np.maximum([ends[0] - ends[1], ends[2] - ends[0]], 0.0))
         handles[name] = axes.errorbar(places, ends[0], yerr=reach, **_marks(name))
     axes.axhline(0.0, color="#999999", linewidth=0.8, zorder=0)
-    drives = parts.groupby("quarter")["drives"].max()
-    values = parts.groupby("quarter")["value"].mean()
+    whole = parts.loc[parts.groupby("quarter")["drives"].idxmax()].set_index("quarter")
+    drives, values = whole["drives"], whole["value"]
     axes.set_xticks(range(len(quarters)))
     labels = [
         f"quarter {quarter}\nvalue {100 * values[quarter]:.2g} %\n{drives[quarter]} draws"
@@ -152,7 +152,10 @@ def quarter_figures(table: pd.DataFrame) -> Iterator[tuple[str, Figure]]:
     style.entitle(
         figure, "Regret against the oracle, by the value of knowing the others (95 % intervals)"
     )
-    style.legend_below(figure, [(handles[name], style.printable(name)) for name in handles])
+    own = parts.groupby("planner")["drives"].sum()
+    few = {name: f", {own[name]} drives" for name in handles if own[name] < drives.sum()}
+    names = [(handles[name], style.printable(name) + few.get(name, "")) for name in handles]
+    style.legend_below(figure, names)
     yield "regret_by_value", figure
 
 

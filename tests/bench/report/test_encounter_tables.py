@@ -76,3 +76,14 @@ def test_the_figure_shows_each_planner_in_each_quarter() -> None:
         f"quarter {k}" for k in range(1, 5)
     ]
     assert len(axes.containers) == 2
+
+
+def test_the_figure_tells_who_drove_fewer_draws() -> None:
+    rows = made_up()
+    ((_, figure),) = quarter_figures(
+        quarter_table(rows[(rows["planner"] != "map") | (rows["seed"] < DRAWS // 2)])
+    )
+    names = {text.get_text() for text in figure.legends[0].get_texts()}
+    assert names == {f"map, {DRAWS} drives", "uniform"}
+    told = [text.get_text().split("\n")[1:] for text in figure.axes[0].get_xticklabels()]
+    assert told == [[f"value {value:.2g} %", "8 draws"] for value in (1.5, 5.5, 9.5, 13.5)]
