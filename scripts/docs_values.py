@@ -240,6 +240,15 @@ def _again(error: str) -> str:
     return f"{found[1]} % of {int(found[2]):,}"
 
 
+def _unknown(estimator: str, column: str, roads: bool = False, percent: bool = False) -> str:
+    """Range over scenarios and views of the suite ``parameters``, or over its roads alone."""
+    board = _table("parameters/leaderboard.csv")
+    shown = board["scenario"].str.contains(", ") | (not roads)
+    values = board[shown & (board["estimator"] == estimator)][column]
+    low, high = values.min(), values.max()
+    return f"{100 * low:.0f} to {100 * high:.0f}" if percent else f"{low:.2g} to {high:.2g}"
+
+
 def _constrained(ignorant: bool) -> str:
     """Range of the joint method's median cosine errors over scenarios, full sensor."""
     board = _table("constrained/leaderboard.csv")
@@ -300,6 +309,11 @@ VALUES: dict[str, Callable[[], str]] = {
     "ahead.entropic.truth": partial(_ahead_of_map, "entropic 0.01", "truth"),
     "conformal.held": partial(_conformal, "held"),
     "conformal.told": partial(_conformal, "held_as_told"),
+    "unknown.speeds": partial(_unknown, "kkt_constrained", "parameter_error_median", True),
+    "unknown.ukf": partial(_unknown, "ukf", "parameter_error_median"),
+    "unknown.uniform": partial(_unknown, "uniform", "parameter_error_median"),
+    "unknown.held": partial(_unknown, "ukf", "covers_parameters_share", False, True),
+    "unknown.narrow": partial(_unknown, "kkt_constrained", "covers_parameters_share", True, True),
     "constrained.known": partial(_constrained, False),
     "constrained.ignorant": partial(_constrained, True),
     "perf.two": partial(_inverse, "two_player", "compact"),

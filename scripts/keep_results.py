@@ -87,11 +87,11 @@ def keep(run: Path, out: Path, figures: tuple[str, ...]) -> None:
             fewer_columns(run / "trials.parquet", out / "trials.parquet")
         else:
             copy(run, out, "trials.parquet")
+            if (run / "index.html").exists() and (run / "index.html").stat().st_size < PAGE:
+                copy(run, out, "index.html")
         if (run / "temperaments.csv").exists():
             text = (run / "temperaments.csv").read_bytes()
             (out / "temperaments.csv.gz").write_bytes(gzip.compress(text, mtime=0))
-        if (run / "index.html").exists() and (run / "index.html").stat().st_size < PAGE:
-            copy(run, out, "index.html")
     copy(run / "figures", out / "figures", *figures)
     for path in (out / "figures").glob("*, unknown speeds.png"):
         path.unlink()
