@@ -123,15 +123,10 @@ def _encounter(quarter: str, planner: str, other: str, column: str = "difference
     return f"{row[column]:.1g}"
 
 
-def _drives(planner: str, column: str) -> str:
+def _drives(planner: str, column: str, times: int = 1) -> str:
     """A number of all encounters of a planner, to the whole."""
     row = _row("encounters/quarters.csv", quarter="all", planner=planner)
-    return f"{row[column]:.0f}"
-
-
-def _late(planner: str) -> str:
-    """Share [%] of a planner's estimates that came late, in all encounters."""
-    return f"{100 * _row('encounters/quarters.csv', quarter='all', planner=planner)['late']:.0f}"
+    return f"{times * row[column]:.0f}"
 
 
 def _score(estimator: str, gain: bool) -> str:
@@ -286,7 +281,7 @@ VALUES: dict[str, Callable[[], str]] = {
     "encounters.constant": partial(_drives, "constant_velocity", "collisions"),
     "encounters.drives": partial(_drives, "map", "drives"),
     "encounters.cycle": partial(_drives, "map", "cycle_99"),
-    "encounters.late": partial(_late, "posterior_contingency"),
+    "encounters.late": partial(_drives, "posterior_contingency", "late", 100),
     "encounters.samples": partial(_drives, "map_contingency", "cycle_99"),
     "roads.map.score": partial(_score, "map", False),
     "roads.map.gain": partial(_score, "map", True),
