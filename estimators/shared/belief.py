@@ -229,9 +229,10 @@ class FollowedGames:
         return samples
 
     def tangent(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
-        """h(x) (T, N*d) at a point (n,) and its derivative (T, N*d, n); None without equilibrium.
+        """h(x) (T, N*d) at a point (n,) and its derivative (T, N*d, n); None where there is none.
 
-        Raises LateError after the deadline.
+        So it is without equilibrium, and so far from the prior that its density is zero in double
+        precision. Raises LateError after the deadline.
         """
         try:
             samples = self.expected(point[None])[0]
@@ -240,7 +241,9 @@ class FollowedGames:
             by_theta = sample_sensitivity(self.problem, self.start, self._solver)
         except ValueError:  # the equilibrium is not a function of the point
             return None
-        return samples, self._by_point(by_theta, point).reshape(*samples.shape, -1)
+        with np.errstate(all="ignore"):
+            by_point = self._by_point(by_theta, point).reshape(*samples.shape, -1)
+        return (samples, by_point) if np.isfinite(by_point).all() else None
 
     def _by_point(self, derivative: np.ndarray, point: np.ndarray) -> np.ndarray:
         """A derivative in (theta, x_1), by the chain rule one in (z, x_1)."""

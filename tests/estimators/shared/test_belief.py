@@ -19,6 +19,7 @@ from olne_bench.estimators.shared.charts import NormalChart
 from olne_bench.estimators.shared.forward_model import initial_state_prior, uniform_weights
 from olne_bench.games.compiled.complementarity import RELAXATION
 from olne_bench.games.compiled.elimination import elimination
+from olne_bench.games.model.weight_prior import WeightPrior
 
 
 @pytest.fixture(scope="module")
@@ -125,6 +126,17 @@ def test_what_has_no_equilibrium_is_not_expected_anywhere(followed) -> None:
     assert np.isnan(samples[1]).all()
     with pytest.raises(LostError, match="no equilibrium at the filter's last mean"):
         games(problem, start).play(far)
+
+
+def test_a_point_without_prior_density_has_no_derivative(followed) -> None:
+    problem, _, start = followed
+    here = games(replace(problem, prior=WeightPrior((6.0,))), start)
+    point = here.point(start)
+    far = point.copy()
+    far[2] = -100.0  # standard deviations: a weight next to nothing
+    assert here.tangent(point) is not None
+    assert np.isfinite(here.expected(np.stack([point, far]))).all()
+    assert here.tangent(far) is None
 
 
 def test_nothing_is_played_after_the_deadline(followed) -> None:
