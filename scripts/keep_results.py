@@ -2,10 +2,10 @@
 
     python scripts/keep_results.py runs
 
-A study that was not run stays as it is in ``results/``. The trials of large studies are kept small:
-who was run where, what became of it, and main errors, in single precision; anybody gets the rest
-from the same draws with the same command. Figures have 256 colours, a third of their bytes. Exit
-code 1 if ``results/`` has more than 15 MB.
+A study that was not run stays as it is in ``results/``; so do scenarios of large studies that were
+not run. Their trials are kept small: who was run where, by which code, what became of it, and main
+errors, in single precision; anybody gets the rest from the same draws with the same command.
+Figures have 256 colours, a third of their bytes. Exit code 1 if ``results/`` has more than 15 MB.
 """
 
 import gzip
@@ -17,12 +17,14 @@ from pathlib import Path
 import shared
 import pandas as pd
 import pyarrow as pa
+from grown_results import grow_boards, grown
 from PIL import Image
 from pyarrow import parquet
 from stale_results import remember, versions_in
 from truth_ahead import FEWEST
 
 import olne_bench as ob
+from olne_bench.bench.plan.versions import VERSION_COLUMNS
 from olne_bench.bench.report.figures import style
 from olne_bench.bench.report.figures.damage import draw as draw_damage
 from olne_bench.bench.run.store_table import parquet_options
@@ -37,6 +39,7 @@ FIGURES = {
     "calibration": ("calibration_*.png", "widths_*.png", "identifiability_*.png"),
 }
 DRAWN = ("map", "robust", "imperfect")
+WORLD = ["of", "change", "dial", "estimator"]
 WITH_DISCS = (*DRAWN, "posterior", "uniform")
 SMALL = ("roads", "parameters", "constrained")
 LABELS = ["scenario", "sensor", "sigma", "seed", "salt_id", "estimator", "count", "status"]
@@ -52,7 +55,6 @@ def main(runs: Path) -> int:
         if (runs / name).is_dir():
             call("-m", "olne_bench", "report", runs / name)
             keep(runs / name, RESULTS / name, figures)
-            record(name, runs / name)
     if (runs / "calibration").is_dir():
         call("scripts/known_cells.py", runs / "calibration")
         call("scripts/two_modes.py")
@@ -65,7 +67,6 @@ def main(runs: Path) -> int:
         keep_encounters(runs / "encounters", RESULTS / "encounters")
     if parts := sorted(runs.glob("misspecified*")):
         keep_damage(parts, RESULTS / "misspecified")
-    copy(runs / "roads", RESULTS / "roads", "comparisons.csv")
     copy(runs / "predictions", RESULTS / "predictions", "summary.csv", "over_time.csv")
     copy(runs / "predictions", RESULTS / "predictions", "comparisons.csv")
     call("scripts/docs_tables.py")
@@ -80,22 +81,38 @@ def keep(run: Path, out: Path, figures: tuple[str, ...]) -> None:
     if run.name == "calibration":  # too many trials; the folder holds other results as well
         copy(run, out, "leaderboard.csv", "leaderboard.md")
         copy(run, out, "calibration.csv", "identifiability_by_noise.csv")
+        record(run.name, run)
+    elif run.name in SMALL:
+        keep_small(run, out)
     else:
         shutil.rmtree(out, ignore_errors=True)
-        copy(run, out, *TABLES)
-        if run.name in SMALL:
-            fewer_columns(run / "trials.parquet", out / "trials.parquet")
-        else:
-            copy(run, out, "trials.parquet")
-            if (run / "index.html").exists() and (run / "index.html").stat().st_size < PAGE:
-                copy(run, out, "index.html")
-        if (run / "temperaments.csv").exists():
-            text = (run / "temperaments.csv").read_bytes()
-            (out / "temperaments.csv.gz").write_bytes(gzip.compress(text, mtime=0))
+        copy(run, out, *TABLES, "trials.parquet")
+        if (run / "index.html").exists() and (run / "index.html").stat().st_size < PAGE:
+            copy(run, out, "index.html")
+        record(run.name, run)
     copy(run / "figures", out / "figures", *figures)
     for path in (out / "figures").glob("*, unknown speeds.png"):
         path.unlink()
     fewer_colours(out)
+
+
+def keep_small(run: Path, out: Path) -> None:
+    """Copy a large study, or put the scenarios of a part of it in the place of kept ones."""
+    new = fewer_columns(run / "trials.parquet")
+    rows = grown(new, out / "trials.parquet", ["scenario"])
+    rows = rows.fillna(dict.fromkeys(VERSION_COLUMNS, "earlier"))
+    if set(rows["scenario"]) > set(new["scenario"]):
+        grow_boards(run, out, rows)
+    else:
+        shutil.rmtree(out, ignore_errors=True)
+        copy(run, out, *TABLES, *["comparisons.csv"] * (run.name == "roads"))
+    small = pa.Table.from_pandas(rows, preserve_index=False)
+    parquet.write_table(small, out / "trials.parquet", **parquet_options(small.schema))
+    if (run / "temperaments.csv").exists():
+        kept = out / "temperaments.csv.gz"
+        text = grown(pd.read_csv(run / "temperaments.csv"), kept, ["scenario"]).to_csv(index=False)
+        kept.write_bytes(gzip.compress(text.encode(), mtime=0))
+    remember(run.name, versions_in(rows))
 
 
 def keep_encounters(run: Path, out: Path) -> None:
@@ -110,28 +127,37 @@ def keep_encounters(run: Path, out: Path) -> None:
 
 
 def keep_damage(parts: list[Path], out: Path) -> None:
-    """Copy what wrong models cost, from runs of parts of the suite; pictures of a few methods."""
+    """Keep what wrong models cost, from runs of parts of the suite; pictures of a few methods."""
     out.mkdir(exist_ok=True)
-    kept: dict[str, list[pd.DataFrame]] = {"damage": [], "conformal": []}
-    for run in parts:
-        call("-m", "olne_bench", "report", run, "--no-figures")
-        for name, tables in kept.items():
-            tables.append(pd.read_csv(run / f"{name}.csv"))
-        damage = kept["damage"][-1].query(f"trials >= {FEWEST}")
+    made = [_damage_of(run) for run in parts]
+    damage, discs, code = (pd.concat(tables) for tables in zip(*made, strict=True))
+    discs = discs[discs["estimator"].isin(WITH_DISCS)]
+    damage = grown(damage, out / "damage.csv", WORLD)
+    damage.to_csv(out / "damage.csv", index=False, float_format="%.4g")
+    discs = grown(discs, out / "conformal.csv", ["scenario", "estimator"])
+    discs.to_csv(out / "conformal.csv", index=False, float_format="%.4g")
+    code = grown(code, out / "code.parquet", ["scenario", "estimator"])
+    code.to_parquet(out / "code.parquet", index=False)
+    for scenario, own in damage[damage["estimator"].isin(DRAWN)].groupby("of"):
         with style.applied():
-            figure = draw_damage(damage[damage["estimator"].isin(DRAWN)])
-            style.save(figure, out / run.name.replace("misspecified", "damage"), ["png"])
-    for (name, tables), count in zip(kept.items(), ("trials", "draws"), strict=True):
-        whole = pd.concat(tables)
-        whole = whole[whole[count] >= FEWEST]
-        if name == "conformal":
-            whole = whole[whole["estimator"].isin(WITH_DISCS)]
-        whole.to_csv(out / f"{name}.csv", index=False, float_format="%.4g")
+            style.save(draw_damage(own), out / f"damage_{scenario}.png", ["png"])
     fewer_colours(out)
     call("scripts/truth_ahead.py", *parts)
-    rows = pd.concat([ob.read(part).trials for part in parts])
-    finished = rows.groupby(["scenario", "estimator"])["seed"].transform("nunique") >= FEWEST
-    remember("misspecified", versions_in(rows[finished]))
+    remember("misspecified", versions_in(code))
+
+
+def _damage_of(run: Path) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
+    """Damage and regions in the finished worlds of a run, and the code that made them."""
+    call("-m", "olne_bench", "report", run, "--no-figures")
+    damage, discs = pd.read_csv(run / "damage.csv"), pd.read_csv(run / "conformal.csv")
+    rows = ob.read(run).trials
+    draws = rows.groupby(["scenario", "estimator"])["seed"].transform("nunique")
+    code = rows.loc[draws >= FEWEST, ["scenario", "sensor", "estimator", *VERSION_COLUMNS]]
+    return (
+        damage.query(f"trials >= {FEWEST}"),
+        discs.query(f"draws >= {FEWEST}"),
+        code.drop_duplicates(),
+    )
 
 
 def copy(run: Path, out: Path, *patterns: str) -> None:
@@ -152,15 +178,12 @@ def call(*words: str | Path) -> None:
     subprocess.run([sys.executable, *map(str, words)], check=True, cwd=RESULTS.parent)
 
 
-def fewer_columns(trials: Path, out: Path) -> None:
-    """Write the trials that are kept of a large study."""
+def fewer_columns(trials: Path) -> pd.DataFrame:
+    """The trials that are kept of a large study."""
     known = parquet.read_schema(trials).names
-    kept = [name for name in (*LABELS, *NUMBERS, *SHARES) if name in known]
-    table = parquet.read_table(trials, columns=kept)
-    for name in set(NUMBERS) & set(kept):
-        place = table.schema.get_field_index(name)
-        table = table.set_column(place, name, table[name].cast(pa.float32()))
-    parquet.write_table(table, out, **parquet_options(table.schema))
+    kept = [name for name in (*LABELS, *NUMBERS, *SHARES, *VERSION_COLUMNS) if name in known]
+    rows = pd.read_parquet(trials, columns=kept)
+    return rows.astype({name: "float32" for name in NUMBERS if name in kept})
 
 
 def fewer_colours(folder: Path) -> None:

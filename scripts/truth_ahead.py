@@ -5,7 +5,8 @@
 
 For each world of a run, the medians over draws of the position error 2 s after the last sample [m]:
 of each estimator, and of what the game expects at the true weights, ``truth``. Draws that
-any of them has no prediction for are left out. Writes ``ahead.csv`` to ``--out``.
+any of them has no prediction for are left out. Writes ``ahead.csv`` to ``--out``, where worlds that
+were not run stay as they are.
 """
 
 from collections.abc import Iterator
@@ -13,6 +14,7 @@ from pathlib import Path
 
 import shared
 import pandas as pd
+from grown_results import grown
 
 import olne_bench as ob
 from olne_bench.bench.judge.metrics.ahead_error import AheadError
@@ -29,6 +31,7 @@ OUT = Path(__file__).parents[1] / "results/misspecified"
 def main(runs: tuple[Path, ...], out: Path = OUT) -> None:
     """Command line."""
     found = pd.concat([pd.DataFrame(errors_in(ob.read(run))) for run in runs])
+    found = grown(found, out / "ahead.csv", ["scenario"])
     found.to_csv(out / "ahead.csv", index=False, float_format="%.4g")
     print(found.round(3).to_string(index=False))
 
