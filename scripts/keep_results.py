@@ -65,6 +65,9 @@ def main(runs: Path) -> int:
         record("several_trajectories", runs / "several")
     if (runs / "encounters").is_dir():
         keep_encounters(runs / "encounters", RESULTS / "encounters")
+    for name in ("driving", "driving_stock"):
+        if (runs / name).is_dir():
+            keep_drives(runs / name, RESULTS / "driving")
     if parts := sorted(runs.glob("misspecified*")):
         keep_damage(parts, RESULTS / "misspecified")
     copy(runs / "predictions", RESULTS / "predictions", "summary.csv", "over_time.csv")
@@ -106,8 +109,7 @@ def keep_small(run: Path, out: Path) -> None:
     else:
         shutil.rmtree(out, ignore_errors=True)
         copy(run, out, *TABLES, *["comparisons.csv"] * (run.name == "roads"))
-    small = pa.Table.from_pandas(rows, preserve_index=False)
-    parquet.write_table(small, out / "trials.parquet", **parquet_options(small.schema))
+    store(rows, out / "trials.parquet")
     if (run / "temperaments.csv").exists():
         kept = out / "temperaments.csv.gz"
         text = grown(pd.read_csv(run / "temperaments.csv"), kept, ["scenario"]).to_csv(index=False)
@@ -119,11 +121,24 @@ def keep_encounters(run: Path, out: Path) -> None:
     """Copy a study of encounters, its drives as Parquet."""
     call("-m", "olne_bench", "report", run)
     copy(run, out, "quarters.csv", "summary.csv", "tests.csv")
-    drives = pa.Table.from_pandas(pd.read_csv(run / "episodes.csv"), preserve_index=False)
-    parquet.write_table(drives, out / "episodes.parquet", **parquet_options(drives.schema))
+    store(pd.read_csv(run / "episodes.csv"), out / "episodes.parquet")
     copy(run / "figures", out, "regret_by_value.png")
     fewer_colours(out)
     record("encounters", run)
+
+
+def keep_drives(run: Path, out: Path) -> None:
+    """Put the drives of one traffic in the place of those that are kept of it."""
+    call("-m", "olne_bench", "report", run)
+    drives = grown(pd.read_csv(run / "episodes.csv"), out / "episodes.parquet", ["traffic"])
+    store(drives, out / "episodes.parquet")
+    summary = grown(pd.read_csv(run / "summary.csv"), out / "summary.csv", ["traffic"])
+    summary.to_csv(out / "summary.csv", index=False)
+    if run.name == "driving":  # that of stock traffic has no contrasts
+        copy(run, out, "tests.csv")
+    copy(run / "figures", out, "driving_*.png")
+    fewer_colours(out)
+    record(run.name, run)
 
 
 def keep_damage(parts: list[Path], out: Path) -> None:
@@ -176,6 +191,12 @@ def record(study: str, run: Path) -> None:
 def call(*words: str | Path) -> None:
     """Run a script or a module of this project."""
     subprocess.run([sys.executable, *map(str, words)], check=True, cwd=RESULTS.parent)
+
+
+def store(rows: pd.DataFrame, path: Path) -> None:
+    """Write a table as small Parquet."""
+    table = pa.Table.from_pandas(rows, preserve_index=False)
+    parquet.write_table(table, path, **parquet_options(table.schema))
 
 
 def fewer_columns(trials: Path) -> pd.DataFrame:

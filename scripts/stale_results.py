@@ -24,12 +24,13 @@ from olne_bench.bench.plan.trial import alike
 RESULTS = Path(__file__).parents[1] / "results"
 PACKAGE = Path(str(ob.__file__)).parent
 TABLE = RESULTS / "versions.csv"
-#: Folders of ``results/`` that suites make; more than one word for several suites.
+#: Studies, most of them folders of ``results/``, and the suites that make them.
 SUITES = {
     **{name: (name,) for name in ("paper", "sensors", "field", "parameters", "constrained")},
     **{name: (name,) for name in ("calibration", "online", "encounters", "misspecified", "roads")},
     "several_trajectories": ("several",),
-    "driving": ("driving", "driving_stock"),
+    "driving": ("driving",),
+    "driving_stock": ("driving_stock",),
     "learned": (str(RESULTS / "learned/learned.toml"), str(RESULTS / "learned/online.toml")),
     "predictions": ("roads",),
     "again": ("roads",),
