@@ -21,19 +21,24 @@ _ASPHALT = "#E3E5E8"
 #: What is shown around the ego along a road that goes on, and around the middle of others [m].
 _BEHIND, _AHEAD, _BESIDE, _TOWN = 35.0, 75.0, 12.0, (52.0, 44.0)
 _SECOND = round(1.0 / STEP)
-_DPI = 80
+_DPI, _NARROW = 80, (5.4, 5.4)
 
 
-def picture(world: DriveWorld, plan: EgoPlan | None, caption: str) -> np.ndarray:
+def picture(
+    world: DriveWorld, plan: EgoPlan | None, caption: str, *, small: bool = False
+) -> np.ndarray:
     """One frame (height, width, 3) uint8 of a drive; only its cars where there is no plan.
 
-    The caption's first part says who drives where.
+    The caption's first part says who drives where. A small one of a town is half as wide.
     """
     states, moving = world.states(), world.moving
-    figure = Figure(figsize=(9.0, 3.0) if moving else (9.0, 8.3), dpi=_DPI)
+    narrow = small and not moving
+    size = (9.0, 3.0) if moving else _NARROW if narrow else (9.0, 8.3)
+    text, rows = (9, 2) if narrow else (11, 1)
+    figure = Figure(figsize=size, dpi=_DPI)
     canvas = FigureCanvasAgg(figure)
     figure.subplots_adjust(left=0.01, right=0.99, top=0.99 - 0.3 / figure.get_figheight())
-    figure.subplots_adjust(bottom=0.42 / figure.get_figheight())
+    figure.subplots_adjust(bottom=(0.2 + 0.22 * rows) / figure.get_figheight())
     axes = figure.subplots()
     _road(axes, world, states[0])
     if plan is not None:
@@ -43,11 +48,12 @@ def picture(world: DriveWorld, plan: EgoPlan | None, caption: str) -> np.ndarray
         outline = car_outline(state)
         axes.add_patch(Polygon(outline, facecolor=colour, edgecolor="white", zorder=4))
     x, y = states[0, :2]
-    axes.text(x, y, "ego", ha="center", va="center", fontsize=9, color="white", zorder=5)
+    axes.text(x, y, "ego", ha="center", va="center", fontsize=text - 2, color="white", zorder=5)
     end = "  collision" if world.crashed else ""
     title = f"{caption}   {world.step * STEP:4.1f} s, {states[0, 3]:4.1f} m/s{end}"
-    axes.set_title(title, loc="left", fontsize=11, pad=4)
-    figure.legend(handles=_keys(plan), loc="lower center", ncols=5, frameon=False, fontsize=10)
+    axes.set_title(title, loc="left", fontsize=text, pad=4)
+    keys: dict[str, Any] = {"loc": "lower center", "frameon": False, "fontsize": min(text, 10)}
+    figure.legend(handles=_keys(plan), ncols=6 // rows, **keys)
     canvas.draw()  # type: ignore[no-untyped-call]
     return np.asarray(canvas.buffer_rgba())[..., :3].copy()  # type: ignore[no-untyped-call]
 
@@ -61,7 +67,7 @@ def _road(axes: Axes, world: DriveWorld, ego: np.ndarray) -> None:
     shapes = lane_shapes(world.setting.road, low - 10, high + 10)
     lanes = [np.vstack([shape.edges[0], shape.edges[1][::-1]]) for shape in shapes]
     if world.moving:
-        across = np.concatenate(lanes)[:, 1]
+        across = np.concatenate(lanes)[:, 1] if lanes else ego[1:2]  # behind the end of a merge
         middle = (across.min() + across.max()) / 2
         low[1], high[1] = middle - _BESIDE, middle + _BESIDE
     axes.add_collection(PolyCollection(lanes, facecolor=_ASPHALT, edgecolor="white", zorder=0.5))

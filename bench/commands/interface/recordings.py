@@ -228,8 +228,13 @@ def estimate() -> None:
     default="driving",
     help="Suite of drives that says traffic, noise and rules, such as encounters.",
 )
-@shown("--planner", default="oracle", help="Who drives the ego.")
+@shown(
+    "--planner",
+    multiple=True,
+    default=("oracle",),
+    help="Who drives the ego. Several have the same start, side by side.",
+)
 @shown("--seed", type=click.IntRange(0, 10**6), default=0)
 @memory_option("Memory limit of the estimator's process.")
 def film() -> None:
-    """Write one drive on ROAD as a video, with the ego's plan and what it expects of others."""
+    """Write a drive on ROAD as a video, with the ego's plan and what it expects of others."""

@@ -2,6 +2,7 @@
 
 import re
 
+import numpy as np
 import pandas as pd
 import pytest
 from PIL import Image
@@ -57,6 +58,21 @@ def test_a_film_shows_a_drive(study) -> None:
         assert picture.n_frames > 50  # equal frames become one
         assert picture.size[0] > picture.size[1]
     assert "exists already" in study.call(*words, code=2)
+
+
+def test_a_film_shows_the_same_start_with_two_planners(study) -> None:
+    film = study.folder / "both.gif"
+    words = ["film", "merge", "--suite", "driving_stock", "--seed", 1, "--out", film]
+    said = study.call(*words, "--planner", "constant_velocity", "--planner", "stock")
+    assert re.search(r"draw 1: constant_velocity: \d+ frames, .*cost 0\.\d+; status ok", said)
+    assert re.search(r"draw 1: stock: \d+ frames, .*cost 0\.\d+; status ok", said)
+    with Image.open(film) as picture:
+        upper, lower = (
+            np.asarray(picture.convert("RGB").crop((0, top, 720, top + 240))) for top in (0, 240)
+        )
+        assert picture.size == (720, 480)
+    road = slice(60, 200)
+    assert (upper[road, :20] == lower[road, :20]).all(), "the same place on the same road"
 
 
 @pytest.mark.parametrize(
