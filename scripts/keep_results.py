@@ -12,6 +12,7 @@ import gzip
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import shared
@@ -51,27 +52,12 @@ PAGE, ALL = 700_000, 15_000_000  # [bytes] at most
 def main(runs: Path) -> int:
     """Copy, and say how large it is."""
     runs = runs.resolve()
-    for name, figures in FIGURES.items():
+    for name, keeper in KEEPERS.items():
         if (runs / name).is_dir():
             call("-m", "olne_bench", "report", runs / name)
-            keep(runs / name, RESULTS / name, figures)
-    if (runs / "calibration").is_dir():
-        call("scripts/known_cells.py", runs / "calibration")
-        call("scripts/two_modes.py")
-        fewer_colours(RESULTS / "calibration")
-    if (runs / "several").is_dir():
-        call("scripts/several_trajectories.py", runs / "several")
-        fewer_colours(RESULTS / "several_trajectories")
-        record("several_trajectories", runs / "several")
-    if (runs / "encounters").is_dir():
-        keep_encounters(runs / "encounters", RESULTS / "encounters")
-    for name in ("driving", "driving_stock"):
-        if (runs / name).is_dir():
-            keep_drives(runs / name, RESULTS / "driving")
+            keeper(runs / name, RESULTS / name)
     if parts := sorted(runs.glob("misspecified*")):
         keep_damage(parts, RESULTS / "misspecified")
-    copy(runs / "predictions", RESULTS / "predictions", "summary.csv", "over_time.csv")
-    copy(runs / "predictions", RESULTS / "predictions", "comparisons.csv")
     call("scripts/docs_tables.py")
     call("scripts/dataset.py", "write")
     size = sum(path.stat().st_size for path in RESULTS.rglob("*") if path.is_file())
@@ -79,24 +65,46 @@ def main(runs: Path) -> int:
     return int(size > ALL)
 
 
-def keep(run: Path, out: Path, figures: tuple[str, ...]) -> None:
-    """Copy a study."""
-    if run.name == "calibration":  # too many trials; the folder holds other results as well
-        copy(run, out, "leaderboard.csv", "leaderboard.md")
-        copy(run, out, "calibration.csv", "identifiability_by_noise.csv")
-        record(run.name, run)
-    elif run.name in SMALL:
-        keep_small(run, out)
-    else:
-        shutil.rmtree(out, ignore_errors=True)
-        copy(run, out, *TABLES, "trials.parquet")
-        if (run / "index.html").exists() and (run / "index.html").stat().st_size < PAGE:
-            copy(run, out, "index.html")
-        record(run.name, run)
-    copy(run / "figures", out / "figures", *figures)
+def keep_trials(run: Path, out: Path) -> None:
+    """Copy a study of trials."""
+    shutil.rmtree(out, ignore_errors=True)
+    copy(run, out, *TABLES, "trials.parquet")
+    if (run / "index.html").exists() and (run / "index.html").stat().st_size < PAGE:
+        copy(run, out, "index.html")
+    keep_figures(run, out)
+    record(run.name, run)
+
+
+def keep_figures(run: Path, out: Path) -> None:
+    """Copy the figures that are kept of a study."""
+    copy(run / "figures", out / "figures", *FIGURES[run.name])
     for path in (out / "figures").glob("*, unknown speeds.png"):
         path.unlink()
     fewer_colours(out)
+
+
+def keep_calibration(run: Path, out: Path) -> None:
+    """Copy tables without trials, which are too many, to a folder that has other results, too."""
+    copy(run, out, "leaderboard.csv", "leaderboard.md")
+    copy(run, out, "calibration.csv", "identifiability_by_noise.csv")
+    record(run.name, run)
+    call("scripts/known_cells.py", run)
+    call("scripts/two_modes.py")
+    keep_figures(run, out)
+
+
+def keep_several(run: Path, out: Path) -> None:
+    """Keep how errors fall with the number of trajectories."""
+    out = out.with_name("several_trajectories")
+    call("scripts/several_trajectories.py", run)
+    fewer_colours(out)
+    record(out.name, run)
+
+
+def keep_streams(run: Path, out: Path) -> None:
+    """Copy the tables of a study of streams."""
+    copy(run, out, "summary.csv", "over_time.csv", "comparisons.csv")
+    record(run.name, run)
 
 
 def keep_small(run: Path, out: Path) -> None:
@@ -114,12 +122,12 @@ def keep_small(run: Path, out: Path) -> None:
         kept = out / "temperaments.csv.gz"
         text = grown(pd.read_csv(run / "temperaments.csv"), kept, ["scenario"]).to_csv(index=False)
         kept.write_bytes(gzip.compress(text.encode(), mtime=0))
+    keep_figures(run, out)
     remember(run.name, versions_in(rows))
 
 
 def keep_encounters(run: Path, out: Path) -> None:
     """Copy a study of encounters, its drives as Parquet."""
-    call("-m", "olne_bench", "report", run)
     copy(run, out, "quarters.csv", "summary.csv", "tests.csv")
     store(pd.read_csv(run / "episodes.csv"), out / "episodes.parquet")
     copy(run / "figures", out, "regret_by_value.png")
@@ -129,7 +137,7 @@ def keep_encounters(run: Path, out: Path) -> None:
 
 def keep_drives(run: Path, out: Path) -> None:
     """Put the drives of one traffic in the place of those that are kept of it."""
-    call("-m", "olne_bench", "report", run)
+    out = out.with_name("driving")
     drives = grown(pd.read_csv(run / "episodes.csv"), out / "episodes.parquet", ["traffic"])
     store(drives, out / "episodes.parquet")
     summary = grown(pd.read_csv(run / "summary.csv"), out / "summary.csv", ["traffic"])
@@ -214,6 +222,18 @@ def fewer_colours(folder: Path) -> None:
             if image.mode != "P":
                 few = image.convert("RGB").quantize(256, dither=Image.Dither.NONE)
                 few.save(path, optimize=True)
+
+
+#: What keeps a run, by the name of its folder.
+KEEPERS: dict[str, Callable[[Path, Path], None]] = {
+    **dict.fromkeys(("paper", "field", "sensors"), keep_trials),
+    **dict.fromkeys(SMALL, keep_small),
+    "calibration": keep_calibration,
+    "several": keep_several,
+    "encounters": keep_encounters,
+    **dict.fromkeys(("driving", "driving_stock"), keep_drives),
+    **dict.fromkeys(("online", "predictions"), keep_streams),
+}
 
 
 if __name__ == "__main__":
