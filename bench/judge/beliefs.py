@@ -43,6 +43,9 @@ class _Known:
 class Beliefs(ABC):
     """What an ego knows of the others; most learn nothing from samples."""
 
+    def ready(self, cars: Sequence[Car]) -> None:  # noqa: B027
+        """Prepare, before the first cycle, for the cars that are there."""
+
     def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:  # noqa: B027
         """Take samples (N, 4) of cars, the ego first."""
 
@@ -133,6 +136,14 @@ class EstimatedBeliefs(Beliefs):
         self.late = 0  # those not answered in time; such an estimate counts at the next one
         self.failed = 0  # those without a valid estimate
         self.fault: PlayerFault | None = None  # why there are no further estimates
+
+    def ready(self, cars: Sequence[Car]) -> None:
+        if len(cars) == 1:
+            return
+        try:
+            self._begin(cars, tuple(car.number for car in cars))
+        except PlayerFault as fault:
+            self.fault, self.failed = fault, 1
 
     def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:
         numbers = tuple(car.number for car in cars)

@@ -79,7 +79,7 @@ class DriveRow:
     message: str = ""
     collision: bool | None = None  # of the ego
     collision_time: float | None = None  # [s]
-    collision_speed: float | None = None  # of the ego relative to the nearest car [m/s]
+    collision_speed: float | None = None  # relative to what the ego hit [m/s]
     value: float | None = None  # of information, in an encounter (``envs.drive.information``)
     cost: float | None = None  # mean over the steps, 0 to 1 (``EgoCost``)
     progress: float | None = None  # way that the ego drove [m]
@@ -140,6 +140,7 @@ class _Drive:
         self.world = DriveWorld(setting(trial.scenario), trial.seed, stock_ego=stock)
         self._noise = stream(trial.salt, "drive", *_paired(trial))
         self._beliefs = _beliefs(trial, player)
+        self._beliefs.ready(seen(self.world, trial.sigma, self._rng)[0])
         self._planner = _planner(trial, self.world.cars[0])
         self._driver = LearnedDriver(self.world.cars[0]) if trial.reference == PPO else None
         self._cost = EgoCost(self.world.cars[0])
@@ -195,7 +196,7 @@ class _Drive:
             message="" if fault is None else clip(str(fault)),
             collision=world.crashed,
             collision_time=world.step * STEP if world.crashed else None,
-            collision_speed=_collision_speed(motion[-1]) if world.crashed else None,
+            collision_speed=world.collision_speed,
             value=world.value,
             cost=self._cost.of_drive(motion, self._controls, world.crashed, world.setting.steps),
             progress=float(np.linalg.norm(way, axis=1).sum()),
@@ -279,15 +280,6 @@ def _asked(trial: Trial, rules: EstimateRules, problem: Problem) -> PlayerTask:
     seed = stream(trial.salt, "estimator of a drive", *_paired(trial), label)
     budget = _BUDGET * rules.deadline
     return PlayerTask.of(trial, problem, seed, lag=rules.window, budget=budget)
-
-
-def _collision_speed(states: np.ndarray) -> float:
-    """Speed [m/s] of the ego, relative to the car that is nearest to it."""
-    nearest = states[1 + int(np.argmin(gap(states[0], states[1:])))]
-    velocities = [
-        speed * np.array([np.cos(h), np.sin(h)]) for _, _, h, speed in (states[0], nearest)
-    ]
-    return float(np.linalg.norm(velocities[0] - velocities[1]))
 
 
 def _by_number(cars: list[Car], states: np.ndarray) -> dict[int, np.ndarray]:

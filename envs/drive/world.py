@@ -51,7 +51,8 @@ class DriveCounts:
 class DriveWorld:
     """One drive: its cars, the ego first, and HighwayEnv's environment ``road``.
 
-    It is over once the ego has ``crashed``. ``value`` is an encounter's value of information.
+    It is over once the ego has ``crashed``, at a ``collision_speed``. ``value`` is an encounter's
+    value of information.
     """
 
     def __init__(
@@ -71,6 +72,7 @@ class DriveWorld:
         self.value = first.value
         self._nash = NashTraffic(first.plan, ego_seen(setting))
         self.step, self.crashed = 0, False
+        self.collision_speed: float | None = None  # [m/s]
         self.counts = DriveCounts(plans=self._nash.counts)
         self.road: PlayersOnly = make_road(setting.road)
         self.road.road.np_random = np.random.RandomState(seed % 2**32)
@@ -101,17 +103,33 @@ class DriveWorld:
             raise ValueError("an ego has controls, unless HighwayEnv's driver drives it")
         if control is not None and not np.isfinite(control).all():
             raise ValueError(f"the ego's control must be finite, got {control}")
+        before = self.states()
         self._choose_controls(control)
         for _ in range(FRAMES):
             self._frame()
         self.step += 1
         self.crashed = bool(self._vehicles[self.cars[0].number].crashed)
-        if not self.crashed:
+        if self.crashed:
+            self.collision_speed = self._hit_speed(before)
+        else:
             self._clear()
             if self.step % REPLAN == 0 and self.setting.scene == THROUGH:
                 self._leave()
                 self._enter()
         self._show()
+
+    def _hit_speed(self, before: np.ndarray) -> float:
+        """Speed [m/s] of a crashed ego relative to the nearest car, or to the end of its lane.
+
+        It is that of the states (N, 4) before the step, as HighwayEnv brakes who has crashed.
+        """
+        ego, *others = self.states()
+        if not others or any(end.crashed for end in self.road.road.objects):
+            return float(before[0, 3])
+        nearest = 1 + int(np.argmin(gap(ego, np.stack(others))))
+        headings, speeds = before[[0, nearest], 2], before[[0, nearest], 3]
+        velocities = speeds[:, None] * np.stack([np.cos(headings), np.sin(headings)], axis=1)
+        return float(np.linalg.norm(velocities[0] - velocities[1]))
 
     def _frame(self) -> None:
         """One frame of the simulator.

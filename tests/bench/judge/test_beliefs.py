@@ -112,6 +112,34 @@ def test_a_stream_goes_on_while_its_cars_stay(cars: list[Car]) -> None:
     assert player.tasks[0].problem.game.horizon == HORIZON
 
 
+def test_a_stream_that_is_ready_begins_with_the_first_sample(cars: list[Car]) -> None:
+    player, alone = Player(), Player()
+    beliefs = beliefs_of(player)
+    beliefs.ready(cars)
+    assert len(player.tasks) == 1 and not player.samples[0]
+    for step in range(2):
+        beliefs.see(cars, sample(cars, step))
+    assert [len(samples) for samples in player.samples] == [2]
+    beliefs_of(alone).ready(cars[:1])
+    assert not alone.tasks
+
+
+class Unwilling(Player):
+    """Declines every problem."""
+
+    def start(self, task: PlayerTask) -> str | None:
+        return "not this one"
+
+
+def test_who_declines_is_not_asked_again(cars: list[Car]) -> None:
+    beliefs = beliefs_of(Unwilling())
+    beliefs.ready(cars)
+    beliefs.see(cars, sample(cars, 0))
+    assert beliefs.fault is not None and beliefs.fault.status == "skipped"
+    assert (beliefs.updates, beliefs.failed) == (0, 1)
+    assert beliefs.minds(cars)[1].weights[0] == 0.25
+
+
 def test_what_more_samples_have_said_counts_for_some_steps(cars: list[Car]) -> None:
     player = Player()
     beliefs = beliefs_of(player)

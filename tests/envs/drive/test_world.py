@@ -50,6 +50,23 @@ def test_a_drive_ends_when_the_ego_collides() -> None:
     assert world.over
 
 
+def test_how_hard_a_collision_is_depends_on_what_the_ego_hits() -> None:
+    beside = DriveWorld(DriveSetting("highway", STOCK), 0)
+    assert beside.collision_speed is None
+    beside._vehicles[0].position = beside._vehicles[1].position + 0.5
+    beside._vehicles[0].speed = beside._vehicles[1].speed + 2.0
+    beside.advance(np.zeros(2))
+    assert beside.collision_speed == pytest.approx(2.0, abs=0.1)
+
+    merging = DriveWorld(DriveSetting("merge", STOCK), 0)
+    (end,) = merging.road.road.objects
+    merging.cars[1:] = []  # all others have left
+    merging._vehicles[0].position = end.position - [3.0, 0.0]
+    merging._vehicles[0].heading, merging._vehicles[0].speed = 0.0, 15.0
+    merging.advance(np.zeros(2))
+    assert merging.collision_speed == 15.0
+
+
 def test_right_of_way_is_left_out_where_it_changes_nothing(monkeypatch) -> None:
     looked = []
     rules = RegulatedRoad.enforce_road_rules
