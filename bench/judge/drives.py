@@ -213,7 +213,7 @@ class _Drive:
         )
 
     def _smallest_gap(self, motion: list[np.ndarray]) -> float | None:
-        if self.world.crashed:
+        if self.world.crashed and not self.world.at_lane_end:
             return 0.0
         found = [gap(states[0], states[1:]).min() for states in motion if len(states) > 1]
         return float(min(found)) if found else None

@@ -72,6 +72,7 @@ class DriveWorld:
         self.value = first.value
         self._nash = NashTraffic(first.plan, ego_seen(setting))
         self.step, self.crashed = 0, False
+        self.at_lane_end = False  # what the ego hit: the end of its lane, else a car
         self.collision_speed: float | None = None  # [m/s]
         self.counts = DriveCounts(plans=self._nash.counts)
         self.road: PlayersOnly = make_road(setting.road)
@@ -110,6 +111,7 @@ class DriveWorld:
         self.step += 1
         self.crashed = bool(self._vehicles[self.cars[0].number].crashed)
         if self.crashed:
+            self.at_lane_end = any(end.crashed for end in self.road.road.objects)
             self.collision_speed = self._hit_speed(before)
         else:
             self._clear()
@@ -124,7 +126,7 @@ class DriveWorld:
         It is that of the states (N, 4) before the step, as HighwayEnv brakes who has crashed.
         """
         ego, *others = self.states()
-        if not others or any(end.crashed for end in self.road.road.objects):
+        if self.at_lane_end or not others:
             return float(before[0, 3])
         nearest = 1 + int(np.argmin(gap(ego, np.stack(others))))
         headings, speeds = before[[0, nearest], 2], before[[0, nearest], 3]

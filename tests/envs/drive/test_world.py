@@ -57,6 +57,7 @@ def test_how_hard_a_collision_is_depends_on_what_the_ego_hits() -> None:
     beside._vehicles[0].speed = beside._vehicles[1].speed + 2.0
     beside.advance(np.zeros(2))
     assert beside.collision_speed == pytest.approx(2.0, abs=0.1)
+    assert not beside.at_lane_end
 
     merging = DriveWorld(DriveSetting("merge", STOCK), 0)
     (end,) = merging.road.road.objects
@@ -65,6 +66,7 @@ def test_how_hard_a_collision_is_depends_on_what_the_ego_hits() -> None:
     merging._vehicles[0].heading, merging._vehicles[0].speed = 0.0, 15.0
     merging.advance(np.zeros(2))
     assert merging.collision_speed == 15.0
+    assert merging.at_lane_end
 
 
 def test_right_of_way_is_left_out_where_it_changes_nothing(monkeypatch) -> None:
