@@ -33,17 +33,14 @@ def film(
     check_new_file("--out", out, SUFFIXES)
     check_format(out)
     drives = [_drive(road, suite, name, seed) for name in planner]
-    player = PlayerProcess(memory=int(memory * 2**30), hidden=None)
     try:
-        reels = [_reel(drive, player, small=len(drives) > 1) for drive in drives]
+        reels = [_reel(drive, memory, small=len(drives) > 1) for drive in drives]
     except NoDriveError as error:
         raise UserError(str(error)) from error
-    finally:
-        player.stop()
     write_video(out, _beside(reels), fps=1 / STEP)
 
 
-def _reel(drive: Trial, player: PlayerProcess, *, small: bool) -> list[np.ndarray]:
+def _reel(drive: Trial, memory: float, *, small: bool) -> list[np.ndarray]:
     """The frames of one drive; says how it went."""
     who = f"{drive.scenario.label}, draw {drive.seed}: {drive.estimator.label}"
     frames: list[np.ndarray] = []
@@ -53,7 +50,11 @@ def _reel(drive: Trial, player: PlayerProcess, *, small: bool) -> list[np.ndarra
         frames.append(picture(world, plan, f"{who} drives", small=small))
         last[:] = [world]
 
-    row = driven(drive, player, watch)
+    player = PlayerProcess(memory=int(memory * 2**30), hidden=None)
+    try:
+        row = driven(drive, player, watch)
+    finally:
+        player.stop()
     cost = "" if row.cost is None else f", cost {row.cost:.3f}"
     what = "a collision" if row.collision else "no collision"
     click.echo(
