@@ -38,6 +38,7 @@ def film(
     except NoDriveError as error:
         raise UserError(str(error)) from error
     write_video(out, _beside(reels), fps=1 / STEP)
+    click.echo(f"{out} is written")
 
 
 def _reel(drive: Trial, memory: float, *, small: bool) -> list[np.ndarray]:
