@@ -126,6 +126,17 @@ def keep_small(run: Path, out: Path) -> None:
     remember(run.name, versions_in(rows))
 
 
+def keep_learned(run: Path, out: Path) -> None:
+    """Keep what networks are worth, of trials in ``run`` and of streams in ``learned_online``."""
+    online = run.with_name("learned_online")
+    call("-m", "olne_bench", "report", online)
+    copy(run, out, "leaderboard.csv")
+    shutil.copy(online / "summary.csv", out / "online_summary.csv")
+    shutil.copy(online / "figures/online_two_player, wide_full.png", out / "online_two_player.png")
+    fewer_colours(out)
+    call("scripts/stale_results.py", "--record", "learned", "--run", run, online)
+
+
 def keep_encounters(run: Path, out: Path) -> None:
     """Copy a study of encounters, its drives as Parquet."""
     copy(run, out, "quarters.csv", "summary.csv", "tests.csv")
@@ -230,6 +241,7 @@ KEEPERS: dict[str, Callable[[Path, Path], None]] = {
     **dict.fromkeys(SMALL, keep_small),
     "calibration": keep_calibration,
     "several": keep_several,
+    "learned": keep_learned,
     "encounters": keep_encounters,
     **dict.fromkeys(("driving", "driving_stock"), keep_drives),
     **dict.fromkeys(("online", "predictions"), keep_streams),

@@ -118,7 +118,11 @@ def _rows(study: str) -> dict[str, str]:
         }
         code = fingerprint(paths, {"olne_bench": PACKAGE.parent}, own=None)
         return {"code": code}
-    return dict(part for name in SUITES[study] for part in _parts(name))
+    found: dict[str, set[str]] = {}
+    for name in SUITES[study]:
+        for part, version in _parts(name):
+            found.setdefault(part, set()).add(version)
+    return {part: " ".join(sorted(all_)) for part, all_ in found.items()}
 
 
 def _parts(suite: str) -> Iterator[tuple[str, str]]:

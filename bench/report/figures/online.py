@@ -44,7 +44,8 @@ def stream_figures(rows: pd.DataFrame) -> Iterator[tuple[str, Figure]]:
         levels = part.groupby("sigma")
         for sigma, own in levels:
             name = f"online_{scenario}_{sensor}" + f"_{sigma:g}" * (len(levels) > 1)
-            yield name, _stream(f"{scenario}, {sensor}, σ = {sigma:g} m", own)
+            where = f"{style.printable(str(scenario))}, {style.printable(str(sensor))}"
+            yield name, _stream(f"{where}, σ = {sigma:g} m", own)
 
 
 def _stream(title: str, rows: pd.DataFrame) -> Figure:
@@ -67,7 +68,7 @@ def _stream(title: str, rows: pd.DataFrame) -> Figure:
     motions = rows["seed"].nunique()
     style.entitle(
         figure,
-        f"{style.printable(title)}: estimates after each sample\n"
+        f"{title}: estimates after each sample\n"
         f"(median and quartiles of {motions} motion{'s' if motions != 1 else ''})",
     )
     entries = [(Line2D([], [], **_looks(name)), style.printable(name)) for name in names]
