@@ -227,6 +227,13 @@ def _c2st() -> str:
     return f"{min(found):.3f} to {max(found):.3f}"
 
 
+def _effective() -> str:
+    """The most of the network's points that exact games leave effective, over views and noise."""
+    files = sorted((RESULTS / "learned").glob("errors_*.txt"))
+    tables = [pd.read_csv(path, sep=r"\s*\|\s*", engine="python") for path in files]
+    return f"{pd.concat(tables)['effective'].max():.0f}"
+
+
 def _again(error: str) -> str:
     """How often intervals of medians of two runs on different draws meet."""
     text = (RESULTS / "again/same_ranks.txt").read_text()
@@ -295,6 +302,7 @@ VALUES: dict[str, Callable[[], str]] = {
     "again.meet": partial(_again, "position_error"),
     "again.cosine": partial(_again, "cosine_error"),
     "references.c2st": _c2st,
+    "learned.effective": _effective,
     "ahead.told": partial(_ahead_of_map, "as told", "imperfect"),
     "ahead.replanning": partial(_ahead_of_map, "replanning 0.4", "imperfect"),
     "ahead.stock": partial(_ahead_of_map, "stock 1", "imperfect"),
