@@ -227,6 +227,12 @@ def _c2st() -> str:
     return f"{min(found):.3f} to {max(found):.3f}"
 
 
+def _bound(column: str) -> str:
+    """Range of errors over the joint bound, over scenarios and views."""
+    ratios = pd.read_csv(RESULTS / "unknowns/bounds.txt", sep=r" {2,}", engine="python")[column]
+    return f"{ratios.min():.2f} to {ratios.max():.2f}"
+
+
 def _effective() -> str:
     """The most of the network's points that exact games leave effective, over views and noise."""
     files = sorted((RESULTS / "learned").glob("errors_*.txt"))
@@ -312,6 +318,8 @@ VALUES: dict[str, Callable[[], str]] = {
     "ahead.entropic.truth": partial(_ahead_of_map, "entropic 0.01", "truth"),
     "conformal.held": partial(_conformal, "held"),
     "conformal.told": partial(_conformal, "held_as_told"),
+    "unknown.bound": partial(_bound, "weights/bound"),
+    "unknown.bound.parameters": partial(_bound, "parameters/bound"),
     "unknown.speeds": partial(_unknown, "kkt_constrained", "parameter_error_median", True),
     "unknown.ukf": partial(_unknown, "ukf", "parameter_error_median"),
     "unknown.uniform": partial(_unknown, "uniform", "parameter_error_median"),

@@ -18,6 +18,7 @@ import pandas as pd
 
 import olne_bench as ob
 from olne_bench.bench.plan.fingerprint import fingerprint
+from olne_bench.bench.plan.kinds import StudyKind
 from olne_bench.bench.plan.load import load_suite
 from olne_bench.bench.plan.trial import alike
 
@@ -35,6 +36,8 @@ SUITES = {
     "predictions": ("roads",),
     "again": ("roads",),
 }
+#: A part of a suite, run as another kind: only what its rows have is compared.
+AS_KIND: dict[str, StudyKind] = {"predictions": "streams"}
 #: Folders that a script or a command makes, and modules that decide their numbers.
 MODULES = {
     "behaviours": ("front.behaving", "envs.scenarios.changed", "envs.tracks.explained"),
@@ -99,7 +102,10 @@ def _changed(study: str) -> list[str]:
     known = dict(zip(own["part"], own["version"], strict=True))
     if not known:
         return ["never recorded"]
-    return [part for part, version in _rows(study).items() if known.get(part) != version]
+    now = _rows(study)
+    if study in AS_KIND:
+        now = {part: version for part, version in now.items() if part in known}
+    return [part for part, version in now.items() if known.get(part) != version]
 
 
 def _recorded() -> pd.DataFrame:
@@ -120,14 +126,15 @@ def _rows(study: str) -> dict[str, str]:
         return {"code": code}
     found: dict[str, set[str]] = {}
     for name in SUITES[study]:
-        for part, version in _parts(name):
+        for part, version in _parts(name, AS_KIND.get(study)):
             found.setdefault(part, set()).add(version)
     return {part: " ".join(sorted(all_)) for part, all_ in found.items()}
 
 
-def _parts(suite: str) -> Iterator[tuple[str, str]]:
+def _parts(name: str, kind: StudyKind | None = None) -> Iterator[tuple[str, str]]:
     """Estimators, scenarios and sensors of a suite, and its scoring, with their versions."""
-    for trial, _ in alike(load_suite(suite)):
+    suite = load_suite(name)
+    for trial, _ in alike(suite.model_copy(update={"kind": kind or suite.kind})):
         here = trial.versions
         yield f"estimator {trial.estimator.label}", here.estimator
         yield "scoring", here.scoring
