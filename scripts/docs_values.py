@@ -233,6 +233,12 @@ def _bound(column: str) -> str:
     return f"{ratios.min():.2f} to {ratios.max():.2f}"
 
 
+def _merging(name: str) -> str:
+    """What follows a name in what was printed of ``merging`` with three players."""
+    text = (RESULTS / "constraints/merging_3_players.txt").read_text()
+    return f"{float(re.search(rf'{name} +([0-9.]+)', text)[1]):.2g}"  # type: ignore[index]
+
+
 def _effective() -> str:
     """The most of the network's points that exact games leave effective, over views and noise."""
     files = sorted((RESULTS / "learned").glob("errors_*.txt"))
@@ -325,6 +331,8 @@ VALUES: dict[str, Callable[[], str]] = {
     "unknown.uniform": partial(_unknown, "uniform", "parameter_error_median"),
     "unknown.held": partial(_unknown, "ukf", "covers_parameters_share", False, True),
     "unknown.narrow": partial(_unknown, "kkt_constrained", "covers_parameters_share", True, True),
+    "constrained.ms": partial(_merging, "median"),
+    "constrained.faster": partial(_merging, "ratio"),
     "constrained.known": partial(_constrained, False),
     "constrained.ignorant": partial(_constrained, True),
     "perf.two": partial(_inverse, "two_player", "compact"),
