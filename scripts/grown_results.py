@@ -11,7 +11,7 @@ from olne_bench.bench.report.figures import forest, style
 from olne_bench.bench.report.leaderboard import scored_rows
 from olne_bench.bench.report.leaderboard_text import markdown
 from olne_bench.bench.report.statistics.attempts import weighed
-from olne_bench.bench.report.statistics.score import log_errors, pair_table, score_table
+from olne_bench.bench.report.statistics.score import ALL, log_errors, pair_table, score_table
 from olne_bench.bench.report.study import in_leaderboard, study_of
 from olne_bench.bench.report.write import write_text
 
@@ -32,11 +32,15 @@ def grow_boards(run: Path, out: Path, rows: pd.DataFrame) -> None:
     """Write the boards of a study of which some scenarios were run again.
 
     What a scenario's rows alone determine is that of the run, or what was kept. Scores and pairs
-    are computed from ``rows``, all trials with the columns that are kept.
+    are computed from ``rows``, all trials with the columns that are kept; by other errors there are
+    scores of single scenarios only.
     """
     study = study_of([load_suite(run.name)])
     logs = log_errors(weighed(rows), study)
     scores = score_table(logs, study)
+    before = grown(pd.read_csv(run / "scores.csv"), out / "scores.csv", ["scenario"])
+    lacking = ~before["error"].isin(scores["error"]) & (before["scenario"] != ALL)
+    scores = pd.concat([scores, before[lacking]], ignore_index=True)
     tables = {
         name: grown(pd.read_csv(run / f"{name}.csv"), out / f"{name}.csv", ["scenario"])
         for name in ("leaderboard", "errors_by_noise")
