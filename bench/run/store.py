@@ -87,8 +87,8 @@ class Store:
         places = ", ".join("?" for _ in (*NAMED, *CURRENT, "checksum"))
         with self._connection:
             cursor = self._connection.execute(
-                "INSERT INTO runs (provenance, checksum) VALUES (?1, checksum(?1))",
-                [provenance_json(source)],
+                "INSERT INTO runs (provenance, checksum) VALUES (:told, checksum(:told))",
+                {"told": provenance_json(source)},
             )
             self._run = cursor.lastrowid or 0
             self._connection.executemany(

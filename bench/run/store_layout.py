@@ -52,7 +52,8 @@ _KEYS = {
 }
 _WITHOUT_ROWID = ("current", "metrics", "costs")
 _ADD_COST = (
-    "INSERT INTO costs VALUES (?1, ?2, 1, ?3, checksum(?1, ?2, 1, ?3)) ON CONFLICT DO UPDATE SET "
+    "INSERT INTO costs VALUES (:scenario, :estimator, 1, :seconds, "
+    "checksum(:scenario, :estimator, 1, :seconds)) ON CONFLICT DO UPDATE SET "
     "trials = trials + 1, seconds = seconds + excluded.seconds, "
     "checksum = checksum(scenario, estimator, trials + 1, seconds + excluded.seconds)"
 )
@@ -79,12 +80,13 @@ def add_metric_columns(connection: sqlite3.Connection, names: Iterable[str]) -> 
     """Add columns for metrics that have none; older rows have no value in them."""
     for name in sorted(set(names) - set(metric_columns(connection))):
         connection.execute(f'ALTER TABLE trials ADD COLUMN "{name}" REAL')
-        connection.execute("INSERT INTO metrics VALUES (?1, checksum(?1))", [name])
+        connection.execute("INSERT INTO metrics VALUES (:name, checksum(:name))", {"name": name})
 
 
 def add_cost(connection: sqlite3.Connection, scenario: str, estimator: str, seconds: float) -> None:
     """Add the time of one trial [s]."""
-    connection.execute(_ADD_COST, [scenario, estimator, float(seconds)])
+    cost = {"scenario": scenario, "estimator": estimator, "seconds": float(seconds)}
+    connection.execute(_ADD_COST, cost)
 
 
 def costs(connection: sqlite3.Connection) -> list[tuple[str, str, int, float]]:

@@ -23,8 +23,8 @@ _ANY_SEED = -1
 _TRUTH_CODE = tuple(name for name in VERSION_COLUMNS if name != "estimator_version")
 _TRUTH = (
     "SELECT s.content FROM scenes s JOIN current c USING (scenario, sensor) "
-    f"WHERE s.scenario = ?1 AND s.seed IN (?2, {_ANY_SEED}) AND s.salt_id = ?3 "
-    "AND s.sensor = coalesce(?4, s.sensor) "
+    f"WHERE s.scenario = ? AND s.seed IN (?, {_ANY_SEED}) AND s.salt_id = ? "
+    "AND s.sensor = coalesce(?, s.sensor) "
     f"AND s.code = checksum({quoted(_TRUTH_CODE, 'c.')}) LIMIT 1"
 )
 _MOTION = (
