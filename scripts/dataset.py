@@ -30,7 +30,7 @@ RESULTS = Path(__file__).parent.parent / "results"
 HOME = RESULTS / "dataset"
 SUITE = "roads"
 KINDS = {
-    "string": mlc.DataType.TEXT,
+    **dict.fromkeys(("string", "large_string"), mlc.DataType.TEXT),
     "int64": mlc.DataType.INTEGER,
     "double": mlc.DataType.FLOAT,
     "float": mlc.DataType.FLOAT,

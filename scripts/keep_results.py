@@ -134,7 +134,7 @@ def keep_learned(run: Path, out: Path) -> None:
     shutil.copy(online / "summary.csv", out / "online_summary.csv")
     shutil.copy(online / "figures/online_two_player, wide_full.png", out / "online_two_player.png")
     fewer_colours(out)
-    call("scripts/stale_results.py", "--record", "learned", "--run", run, online)
+    record("learned", run, online)
 
 
 def keep_encounters(run: Path, out: Path) -> None:
@@ -202,9 +202,9 @@ def copy(run: Path, out: Path, *patterns: str) -> None:
             shutil.copy(path, out)
 
 
-def record(study: str, run: Path) -> None:
+def record(study: str, *runs: Path) -> None:
     """Note by which code the rows of a study were made."""
-    call("scripts/stale_results.py", "--record", study, "--run", run)
+    call("scripts/stale_results.py", "--record", study, "--run", *runs)
 
 
 def call(*words: str | Path) -> None:

@@ -28,6 +28,13 @@ def test_the_metadata_is_valid_and_every_table_of_trials_is_in_it() -> None:
     assert {one.uuid for one in metadata.record_sets} == {"draws", *(f"trials_{t}" for t in tables)}
 
 
+def test_every_table_of_trials_says_who_was_run_where() -> None:
+    metadata = mlcroissant.Dataset(jsonld=str(HOME / "croissant.json")).metadata
+    for table in metadata.record_sets[1:]:
+        names = {field.name.rpartition("/")[2] for field in table.fields}
+        assert {"scenario", "sensor", "sigma", "seed", "estimator", "status"} <= names
+
+
 def test_draws_have_weights_and_states_of_every_player() -> None:
     (rows,) = [one for one in FILES if one["contentUrl"] == "draws.parquet"]
     read = mlcroissant.Dataset(jsonld=str(HOME / "croissant.json")).records("draws")
