@@ -27,7 +27,7 @@ class EstimateRules:
 
     window: int  # number of latest samples that count
     sigma: float  # noise on positions [m]
-    deadline: float  # time [s] in which an estimate has to be there
+    deadline: float  # time [s] after which the ego plans without the estimate
 
 
 @dataclass(frozen=True)
@@ -42,6 +42,8 @@ class _Known:
 
 class Beliefs(ABC):
     """What an ego knows of the others; most learn nothing from samples."""
+
+    beyond = 0.0  # time [s] after the deadline that the last estimate took while the ego planned
 
     def ready(self, cars: Sequence[Car]) -> None:  # noqa: B027
         """Prepare, before the first cycle, for the cars that are there."""
@@ -148,7 +150,7 @@ class EstimatedBeliefs(Beliefs):
     def see(self, cars: Sequence[Car], samples: np.ndarray) -> None:
         numbers = tuple(car.number for car in cars)
         self._learn(self._coming)  # what came late counts from now on
-        self._coming = {}
+        self._coming, self.beyond = {}, 0.0
         self._seen.append(dict(zip(numbers, samples, strict=True)))
         del self._seen[: -self._rules.window]
         if self.fault is not None or len(cars) == 1:
@@ -156,6 +158,7 @@ class EstimatedBeliefs(Beliefs):
         self.updates += 1
         try:
             estimate, seconds = self._estimate(cars, numbers)
+            self.beyond = max(0.0, seconds - self._rules.deadline)
         except PlayerFault as fault:
             self.fault, self.failed = fault, self.failed + 1
             return
@@ -163,7 +166,7 @@ class EstimatedBeliefs(Beliefs):
             self.failed += 1
             return
         found = dict(zip(numbers[1:], self._said(estimate), strict=True))
-        if seconds > self._rules.deadline:
+        if self.beyond:
             self.late, self._coming = self.late + 1, found
         else:
             self._learn(found)

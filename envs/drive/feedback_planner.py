@@ -17,11 +17,11 @@ from olne_bench.envs.drive.planner import (
     EgoPlan,
     GamePlanner,
     Mind,
-    ego_response,
+    planned_game,
+    planned_response,
     plans_alone,
 )
 from olne_bench.envs.roads.footprint import gap
-from olne_bench.games.model.game import Game
 from olne_bench.games.solve.feedback import solve_feedback
 
 
@@ -29,18 +29,15 @@ class FeedbackPlanner(GamePlanner):
     """Plans by the feedback equilibrium of the ego and the others."""
 
     def _found(
-        self, game: Game, minds: Sequence[Mind], numbers: tuple[int, ...], states: np.ndarray
+        self, minds: Sequence[Mind], numbers: tuple[int, ...], states: np.ndarray
     ) -> EgoPlan | None:
-        free, weights = replace(game, constraints=()), np.stack([mind.weights for mind in minds])
-        former = self._shifted(numbers, states)
+        free = replace(planned_game(minds), constraints=())
+        weights, former = np.stack([mind.weights for mind in minds]), self._shifted(numbers, states)
         first = plans_alone(free, weights, states) if former is None else former.controls
         found = solve_feedback(free, weights, states, initial_controls=first)
         if not found.converged:
-            return super()._found(game, minds, numbers, states)
-        motion, controls, kind = found.states.copy(), found.controls.copy(), CONSTRAINED
+            return super()._found(minds, numbers, states)
+        motion, controls = found.states, found.controls
         if gap(motion[:, :1], motion[:, 1:]).min(initial=np.inf) < LEAST_GAP:
-            own = ego_response(game, motion, controls, minds[0].weights)
-            if own is None:
-                return None
-            motion[:, 0], controls[:, 0], kind = own
-        return EgoPlan(numbers, motion, controls, np.zeros_like(motion[1:]), kind)
+            return planned_response(minds[0], numbers, motion, controls)
+        return EgoPlan(numbers, motion, controls, np.zeros_like(motion[1:]), CONSTRAINED)

@@ -13,17 +13,19 @@ import numpy as np
 from olne_bench.envs.drive.cars import MOTION, STEP, Car, DriveRoad, drive_game
 from olne_bench.envs.drive.ego_seen import EgoSeen
 from olne_bench.envs.drive.nash_traffic import HORIZON, REPLAN
-from olne_bench.envs.drive.planner import Mind, plan_near
+from olne_bench.envs.drive.planner import Mind, plan_from, plans_alone
 from olne_bench.envs.roads.road_scenario import speed_feature, unknown_speed, with_target
 from olne_bench.games.compiled.elimination import elimination
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.game import Game
 from olne_bench.games.solve.newton import rows, unpack
-from olne_bench.games.solve.olne import RESIDUAL_TOLERANCE
 
-_ITERATIONS, _LIMIT = 12, 1.0  # of Newton's method
+_ITERATIONS, _LIMIT = 8, 1.0  # of Newton's method: more of them rarely find what is not near
+_RESIDUAL = 1e-6  # of an equilibrium that is expected: nobody plans as exactly as that
 #: Times that they plan again in what is expected; then they follow their plans.
 _AGAIN = 2
+#: Guesses whose plans are looked for from scratch, at most, where nothing is found near others.
+_LOST = 2
 
 
 @dataclass(frozen=True)
@@ -43,6 +45,12 @@ class Plans:
         """Each of them so many times, one after the other."""
         parts = self.states, self.controls, self.costates
         return Plans(*(np.repeat(one, count, axis=0) for one in parts))
+
+    def put(self, index: int, one: "Plans") -> None:
+        """Put a single one into the place of another."""
+        self.states[index] = one.states[0]
+        self.controls[index] = one.controls[0]
+        self.costates[index] = one.costates[0]
 
     def one(self, index: int) -> "Plans":
         """A single one of them."""
@@ -89,8 +97,9 @@ class Others:
     def planned(self, states: np.ndarray, near: Plans | None, from_scratch: Sequence[int]) -> Plans:
         """What is planned at states (N, 4) by each guess, near other plans.
 
-        The guesses ``from_scratch`` do not look near these; nor does anybody without them. Where
-        nothing is found, all do as in the first guess, and straight on in that one.
+        The guesses ``from_scratch`` do not look near these; nor does anybody without them, nor the
+        first ones for which nothing is found there. Where nothing is found, all do as in the first
+        guess, and straight on in that one.
         """
         count = len(self._theta)
         if near is None:
@@ -98,23 +107,21 @@ class Others:
         if not self._plans:
             return self._straight_on(states, count)
         plans, good = self._roots(near, self._theta)
-        for index in range(count):
-            if index in from_scratch or not good[index]:
-                self._take(plans, index, states, keep=bool(good[index]))
+        lost = [index for index in range(count) if not good[index] and index not in from_scratch]
+        for index in sorted([*from_scratch, *lost[:_LOST]]):
+            self._take(plans, index, states, keep=bool(good[index]))
+        for index in lost[_LOST:]:
+            plans.put(index, plans.one(0))
         return plans
 
     def _take(self, plans: Plans, index: int, states: np.ndarray, *, keep: bool) -> None:
-        """Put a plan from scratch into plans; straight on, if there is none and none to keep."""
-        found = plan_near(self._known[index], self._weights[index], states, None)
+        """Put a plan from scratch into plans; if there is none and none to keep, another one."""
+        first = plans_alone(self._game, self._theta[index], states)  # one game for all guesses
+        found = plan_from(self._known[index], self._weights[index], states, first)
         if found is not None:
-            parts = found.states, found.controls, found.costates
-        elif keep:
-            return
-        else:  # as the first guess does, or straight on
-            other = plans.one(0) if index else self._straight_on(states, 1)
-            parts = other.states[0], other.controls[0], other.costates[0]
-        for own, part in zip((plans.states, plans.controls, plans.costates), parts, strict=True):
-            own[index] = part
+            plans.put(index, Plans(found.states[None], found.controls[None], found.costates[None]))
+        elif not keep:
+            plans.put(index, plans.one(0) if index else self._straight_on(states, 1))
 
     def played(self, plans: Plans, own: np.ndarray, left: int) -> tuple[np.ndarray, np.ndarray]:
         """What all do if the ego has controls (C, T-1, 2), by each guess: motion and controls.
@@ -151,11 +158,11 @@ class Others:
         residuals, _ = elimination(self._game).newton(
             z,
             theta.reshape(len(z), -1),
-            tolerance=RESIDUAL_TOLERANCE / 10,
+            tolerance=_RESIDUAL / 10,
             max_iterations=_ITERATIONS,
             limit=_LIMIT,
         )
-        good = finite & (residuals < RESIDUAL_TOLERANCE)
+        good = finite & (residuals < _RESIDUAL)
         found = unpack(self._game, z)
         parts = (near.states, near.controls, near.costates)
         chosen = [

@@ -8,23 +8,26 @@ bounded effort,
 3. the rest of its former plan;
 4. to brake.
 
-``constant_velocity`` takes the others to drive straight on, and the ego is alone in planning.
+``constant_velocity`` takes the others to drive straight on, and the ego is alone in planning: it
+responds (``ego_response``), and pays for coming too near.
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
+import casadi as ca
 import numpy as np
 
 from olne_bench.envs.drive.cars import FIRST_STEP, MOTION, STEP, drive_game
-from olne_bench.envs.roads.footprint import CarsApart
+from olne_bench.envs.roads.footprint import CarsApart, gap
 from olne_bench.envs.roads.highway_roads import MAX_ACCELERATION, MAX_STEERING
+from olne_bench.games.model.costs import Stage
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.game import Game, Player
-from olne_bench.games.solve.best_response import best_responses, grown_plans
+from olne_bench.games.solve.best_response import Responses, best_responses, grown_plans
 from olne_bench.games.solve.constrained import solution_near, variational_solution
-from olne_bench.games.solve.constrained_response import constrained_response
 from olne_bench.games.solve.continuation import coupled_features
 from olne_bench.games.solve.newton import Root, newton_root, unpack
 from olne_bench.games.solve.olne import RESIDUAL_TOLERANCE, solve_olne
@@ -38,10 +41,15 @@ CONSTRAINED, UNCONSTRAINED, KEPT, BRAKED = "constrained", "unconstrained", "kept
 #: What the ego keeps beside the distance of footprints [m]. Cars that cross are nearest between two
 #: steps, noise hides where the others are, and they plan anew.
 LEAST_GAP = 0.8
+#: Cost of a square metre that is missing, for a step: responses then miss a few millimetres where
+#: there is room.
+_MISSING = 1e4
+#: Of responses: the share of 1 + |J| that a last step promises, and Newton steps.
+_SETTLED, _STEPS = 1e-6, 60
 
 _WARM_ITERATIONS = 40
 _ATTEMPTS = 2  # from scratch
-_ROUNDS = 10  # of best responses
+_ROUNDS = 2  # of best responses
 _BRAKING = 8.0  # [m/s^2]
 
 
@@ -81,13 +89,13 @@ class Planner(ABC):
     def plan(self, minds: Sequence[Mind], states: np.ndarray) -> EgoPlan:
         """The next plan, from minds and states (N, 4) of all cars as the ego knows them."""
         numbers = tuple(mind.number for mind in minds)
-        found = self._found(planned_game(minds), minds, numbers, states)
+        found = self._found(minds, numbers, states)
         self._former = found or kept_or_braked(self._former, numbers, states)
         return self._former
 
     @abstractmethod
     def _found(
-        self, game: Game, minds: Sequence[Mind], numbers: tuple[int, ...], states: np.ndarray
+        self, minds: Sequence[Mind], numbers: tuple[int, ...], states: np.ndarray
     ) -> EgoPlan | None:
         """A new plan; None if none is found."""
 
@@ -96,9 +104,9 @@ class GamePlanner(Planner):
     """Plans by the game of the ego and the others."""
 
     def _found(
-        self, game: Game, minds: Sequence[Mind], numbers: tuple[int, ...], states: np.ndarray
+        self, minds: Sequence[Mind], numbers: tuple[int, ...], states: np.ndarray
     ) -> EgoPlan | None:
-        weights = np.stack([mind.weights for mind in minds])
+        game, weights = planned_game(minds), np.stack([mind.weights for mind in minds])
         found = equilibrium_near(game, weights, states, self._shifted(numbers, states))
         return found and EgoPlan(numbers, *found)
 
@@ -115,16 +123,12 @@ class StraightOnPlanner(Planner):
     """The others drive straight on along their velocity, and the ego plans alone among them."""
 
     def _found(
-        self, game: Game, minds: Sequence[Mind], numbers: tuple[int, ...], states: np.ndarray
+        self, minds: Sequence[Mind], numbers: tuple[int, ...], states: np.ndarray
     ) -> EgoPlan | None:
-        controls = np.zeros(game.control_shape)
+        controls = np.zeros((HORIZON - 1, len(minds), MOTION.control_size))
         controls[:, 0] = self._first_plan(minds[0], states[0])
         motion = rollout(MOTION, states, controls, STEP)
-        found = ego_response(game, motion, controls, minds[0].weights)
-        if found is None:
-            return None
-        motion[:, 0], controls[:, 0], kind = found
-        return EgoPlan(numbers, motion, controls, np.zeros_like(motion[1:]), kind)
+        return planned_response(minds[0], numbers, motion, controls)
 
     def _first_plan(self, ego: Mind, state: np.ndarray) -> np.ndarray:
         """Controls (T-1, 2) to begin with: the former plan's, or those of an empty road."""
@@ -167,23 +171,84 @@ def equilibrium_near(
     return found.states, found.controls, found.costates, kind
 
 
-def ego_response(
-    game: Game, motion: np.ndarray, controls: np.ndarray, weights: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, str] | None:
-    """The ego's best response to the others' motion: states and controls, and how it was found."""
-    if game.constraints:
-        response = constrained_response(game, 0, motion, controls, controls[:, 0], weights)
-        if response.converged:
-            return response.states, response.controls, CONSTRAINED
-    free = replace(game, constraints=())
-    theta = np.tile(weights, (game.num_players, 1))
-    found = best_responses(free, 0, controls[None, :, 0], motion, controls, theta)
-    if not found.converged[0]:
+@dataclass(frozen=True)
+class Room:
+    """What coming too near another car costs an ego: ``scale`` times the missing room squared.
+
+    The room is that of ``CarsApart`` with ``more`` [m] between the circles.
+    """
+
+    other: int  # whose car; -1 for nobody's
+    more: float = LEAST_GAP
+    scale: float = _MISSING
+    name: str = "room"
+
+    @property
+    def watched(self) -> tuple[int, ...]:
+        return (self.other,) if self.other >= 0 else ()
+
+    def watching(self, players: tuple[int, ...]) -> "Room":
+        return replace(self, other=players[0] if players else -1)
+
+    def running_cost(self, stage: Stage) -> ca.SX | float:
+        if self.other < 0:
+            return 0.0
+        pair = (stage.states[stage.player], stage.states[self.other])
+        margin = CarsApart((0, 1), more=self.more).margins(replace(stage, states=pair))
+        return self.scale * ca.fmax(0, -margin) ** 2
+
+    def final_cost(self, stage: Stage) -> ca.SX | float:
+        return self.running_cost(stage)
+
+
+def responses(
+    ego: Mind, plans: np.ndarray, motion: np.ndarray, controls: np.ndarray, *, room: bool
+) -> Responses:
+    """The ego's best responses to the others' motion (T, N, 4), from B first plans (B, T-1, 2).
+
+    With ``room``, it keeps that.
+    """
+    steps, players = motion.shape[:2]
+    return best_responses(
+        _responding_game(ego.player, players, steps, room),
+        *(0, plans, motion, controls, np.tile(ego.weights, (players, 1))),
+        tolerance=_SETTLED,
+        max_iterations=_STEPS,
+    )
+
+
+@lru_cache(maxsize=64)
+def _responding_game(ego: Player, players: int, steps: int, room: bool) -> Game:
+    """The same game whoever the others are: their features do not matter to a response."""
+    apart = tuple(Room(j) for j in range(1, players)) if room else ()
+    return drive_game([Player(ego.preferences, (*ego.task, *apart)), *[ego] * (players - 1)], steps)
+
+
+def ego_response(ego: Mind, motion: np.ndarray, controls: np.ndarray) -> np.ndarray | None:
+    """Controls (T-1, 2) of the ego's best response with room; None if none is found.
+
+    It begins with the ego's part of the controls (T-1, N, 2).
+    """
+    found = responses(ego, controls[None, :, 0], motion, controls, room=True)
+    return found.controls[0] if found.converged[0] else None
+
+
+def planned_response(
+    ego: Mind, numbers: tuple[int, ...], motion: np.ndarray, controls: np.ndarray
+) -> EgoPlan | None:
+    """The plan of an ego that responds to the others' motion; None if no response is found."""
+    own = ego_response(ego, motion, controls)
+    if own is None:
         return None
-    joint = controls.copy()
-    joint[:, 0] = found.controls[0]
-    own = rollout(MOTION, motion[0], joint, STEP)[:, 0]
-    return own, found.controls[0], UNCONSTRAINED if game.constraints else CONSTRAINED
+    controls = np.concatenate([own[:, None], controls[:, 1:]], axis=1)
+    motion = rollout(MOTION, motion[0], controls, STEP)
+    return EgoPlan(numbers, motion, controls, np.zeros_like(motion[1:]), kind_of_motion(motion))
+
+
+def kind_of_motion(motion: np.ndarray) -> str:
+    """Whether the ego keeps clear of all others in a motion (T, N, 4)."""
+    apart = gap(motion[1:, :1], motion[1:, 1:]).min(initial=np.inf)
+    return CONSTRAINED if apart > 0 else UNCONSTRAINED
 
 
 def kept_or_braked(former: EgoPlan | None, numbers: tuple[int, ...], states: np.ndarray) -> EgoPlan:
@@ -205,14 +270,10 @@ def kept_or_braked(former: EgoPlan | None, numbers: tuple[int, ...], states: np.
     return EgoPlan(numbers, motion, controls, np.zeros_like(motion[1:]), kind)
 
 
-def plan_near(
-    game: Game, weights: np.ndarray, states: np.ndarray, near: Root | None
+def plan_from(
+    game: Game, weights: np.ndarray, states: np.ndarray, controls: np.ndarray
 ) -> Root | None:
-    """The equilibrium without constraints near a motion, or from scratch; None if none is found."""
-    if near is not None and np.isfinite(near.states).all():
-        root = newton_root(game, near.states, near.controls, near.costates, weights)
-        return root if root.residual < RESIDUAL_TOLERANCE else None
-    controls = plans_alone(game, weights, states)
+    """An equilibrium without constraints, from controls (T-1, N, 2); None if none is found."""
     found = solve_olne(game, weights, states, initial_controls=controls, max_rounds=_ROUNDS)
     if not found.certificate.passed:
         return None
@@ -220,8 +281,10 @@ def plan_near(
 
 
 def plans_alone(game: Game, weights: np.ndarray, states: np.ndarray) -> np.ndarray:
-    """Controls (T-1, N, 2) of cars that do not mind each other."""
-    return grown_plans(game, states, np.where(coupled_features(game), 0.0, weights))
+    """Controls (T-1, N, 2) of cars that do not mind each other; weights (N, K) or (N, K + U)."""
+    alone, coupled = weights.copy(), coupled_features(game)
+    alone[:, : coupled.shape[1]][coupled] = 0.0
+    return grown_plans(game, states, alone)
 
 
 def later(values: np.ndarray) -> np.ndarray:

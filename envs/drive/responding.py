@@ -13,7 +13,7 @@ over them:
 """
 
 from collections.abc import Sequence
-from dataclasses import astuple, dataclass, replace
+from dataclasses import astuple, dataclass
 
 import numpy as np
 
@@ -23,21 +23,20 @@ from olne_bench.envs.drive.nash_traffic import REPLAN
 from olne_bench.envs.drive.others import Others, Plans
 from olne_bench.envs.drive.planner import (
     BRAKED,
-    CONSTRAINED,
     HORIZON,
     KEPT,
     LEAST_GAP,
-    UNCONSTRAINED,
     EgoPlan,
     Mind,
     Planner,
     ego_response,
+    kind_of_motion,
     later,
+    responses,
 )
 from olne_bench.envs.roads.footprint import gap
 from olne_bench.games.model.dynamics import rollout
-from olne_bench.games.model.game import Game
-from olne_bench.games.solve.best_response import best_responses, grown_plans
+from olne_bench.games.solve.best_response import grown_plans
 
 #: Accelerations [m/s^2] of first plans, and for how many steps.
 _CHANGES = ((3.0, 10), (-4.0, 8))
@@ -46,7 +45,7 @@ _ROUNDS = 2
 #: Responses that are made to keep the distance, the cheapest ones.
 _REFINED = 2
 #: Plans that are compared by several guesses.
-_COMPARED = 4
+_COMPARED = 3
 #: Differences of steering [rad] and acceleration [m/s^2] that count alike between plans.
 _SCALE = np.array([0.1, 2.0])
 #: In these units, plans this near to each other are the same.
@@ -79,6 +78,7 @@ class RespondingPlanner(Planner):
         super().__init__()
         self._road, self._ego, self._seen, self._straight_on = road, ego, seen, straight_on
         self._cost, self._contingent = EgoCost(ego), contingent
+        self._mind = Mind(ego.number, ego.player, ego.weights)
         self._cycle = 0
         self._present: _Present | None = None
 
@@ -90,22 +90,21 @@ class RespondingPlanner(Planner):
         return super().plan(minds, states)
 
     def _found(
-        self, game: Game, minds: Sequence[Mind], numbers: tuple[int, ...], states: np.ndarray
+        self, minds: Sequence[Mind], numbers: tuple[int, ...], states: np.ndarray
     ) -> EgoPlan | None:
-        road, ego = self._road, replace(self._ego, player=minds[0].player)
-        every = [minds, *self._guesses]
+        road, ego, every = self._road, self._ego, [minds, *self._guesses]
         others = Others(road, ego, self._seen, every, self._straight_on)
         plans, left = self._planned(others, numbers, states, len(every))
         probable = others
         if self._guesses:
             probable = Others(road, ego, self._seen, every[:1], self._straight_on)
-        ways, guesses = self._ways(game, probable, plans.one(0), left, states[0]), None
+        ways, guesses = self._ways(probable, plans.one(0), left, states[0]), None
         if self._guesses:
             motion, controls = others.played(plans, _apart(ways, _COMPARED), left)
-            costs = self._branched(game, motion, controls)[1:].mean(axis=0)
+            costs = self._branched(motion, controls)[1:].mean(axis=0)
             ways, guesses = _Ways(motion[0], controls[0], costs), motion[1:, int(np.argmin(costs))]
         own, inputs = ways.best
-        return EgoPlan(numbers, own, inputs, np.zeros_like(own[1:]), _kind(own), guesses)
+        return EgoPlan(numbers, own, inputs, np.zeros_like(own[1:]), kind_of_motion(own), guesses)
 
     def _planned(
         self, others: Others, numbers: tuple[int, ...], states: np.ndarray, count: int
@@ -130,9 +129,7 @@ class RespondingPlanner(Planner):
         self._cycle += 1
         return plans, left
 
-    def _ways(
-        self, game: Game, others: Others, plan: Plans, left: int, state: np.ndarray
-    ) -> "_Ways":
+    def _ways(self, others: Others, plan: Plans, left: int, state: np.ndarray) -> "_Ways":
         """What becomes of plans of the ego for the most probable minds."""
 
         def played(own: np.ndarray) -> _Ways:
@@ -142,7 +139,7 @@ class RespondingPlanner(Planner):
         ways = played(self._starts(state))
         for _ in range(_ROUNDS):
             cheapest = ways.costs.min()
-            own = self._responses(game, *ways.best, ways.controls[:, :, 0])
+            own = self._responses(*ways.best, ways.controls[:, :, 0])
             ways = ways.with_more(played(own)) if len(own) else ways
             if not ways.costs.min() < cheapest:  # another round would respond to the same motion
                 break
@@ -162,16 +159,13 @@ class RespondingPlanner(Planner):
         return np.array(found)
 
     def _responses(
-        self, game: Game, motion: np.ndarray, controls: np.ndarray, starts: np.ndarray
+        self, motion: np.ndarray, controls: np.ndarray, starts: np.ndarray
     ) -> np.ndarray:
         """Controls (R, T-1, 2) of the ego's best responses to a motion (T, N, 4), from first plans.
 
         The cheapest ones are made to keep the distance.
         """
-        weights = self._ego.weights
-        theta = np.tile(weights, (game.num_players, 1))
-        free = replace(game, constraints=())
-        found = best_responses(free, 0, starts, motion, controls, theta)
+        found = responses(self._mind, starts, motion, controls, room=False)
         good, chosen = np.flatnonzero(found.converged), []
         good = good[np.argsort(found.costs[good])]
         for own in different(found.controls[good])[:_REFINED]:
@@ -179,23 +173,21 @@ class RespondingPlanner(Planner):
             joint[:, 0] = own
             states = rollout(MOTION, motion[0], joint, STEP)
             if gap(states[:, :1], motion[:, 1:]).min(initial=np.inf) < LEAST_GAP:
-                refined = ego_response(game, motion, joint, weights)
-                own = own if refined is None else refined[1]
+                refined = ego_response(self._mind, motion, joint)
+                own = own if refined is None else refined
             chosen.append(own)
         return np.array(chosen).reshape(-1, *starts.shape[1:])
 
-    def _branched(self, game: Game, motion: np.ndarray, controls: np.ndarray) -> np.ndarray:
+    def _branched(self, motion: np.ndarray, controls: np.ndarray) -> np.ndarray:
         """Costs (S, C) of plans, if contingent with the best response after a second."""
         costs = self._costs(motion, controls[:, :, :, 0])
         if not self._contingent:
             return costs
-        tail = drive_game(game.players, motion.shape[2] - REPLAN)
-        theta = np.tile(self._ego.weights, (game.num_players, 1))
         motion, controls = motion.copy(), controls.copy()
         for place in np.ndindex(*costs.shape):
             own, joint = motion[place], controls[place]
-            first = joint[None, REPLAN:, 0]
-            response = best_responses(tail, 0, first, own[REPLAN:], joint[REPLAN:], theta)
+            left = own[REPLAN:], joint[REPLAN:]
+            response = responses(self._mind, joint[None, REPLAN:, 0], *left, room=False)
             if response.converged[0]:
                 joint[REPLAN:, 0] = response.controls[0]
                 own[REPLAN:, 0] = rollout(MOTION, own[REPLAN], joint[REPLAN:], STEP)[:, 0]
@@ -224,11 +216,6 @@ class _Ways:
         """These and more of them."""
         pairs = zip(astuple(self), astuple(more), strict=True)
         return _Ways(*(np.concatenate(pair) for pair in pairs))
-
-
-def _kind(motion: np.ndarray) -> str:
-    apart = gap(motion[1:, :1], motion[1:, 1:]).min(initial=np.inf)
-    return CONSTRAINED if apart > 0 else UNCONSTRAINED
 
 
 def different(plans: np.ndarray) -> list[np.ndarray]:

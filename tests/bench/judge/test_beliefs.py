@@ -87,6 +87,7 @@ def test_a_late_estimate_counts_at_the_next_sample(cars: list[Car]) -> None:
     beliefs.see(cars, sample(cars, 1))
     assert beliefs.minds(cars)[1].weights[0] == pytest.approx(0.1)
     assert (beliefs.late, beliefs.updates) == (2, 2)
+    assert beliefs.beyond == pytest.approx(0.1)  # [s] that the ego does not wait
 
 
 def test_other_cars_make_another_stream_of_the_samples_that_show_them(cars: list[Car]) -> None:
