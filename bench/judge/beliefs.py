@@ -9,9 +9,8 @@ import numpy as np
 from olne_bench.bench.judge.estimate_check import check_estimate
 from olne_bench.bench.judge.players import PlayerFault, PlayerTask, StreamPlayer
 from olne_bench.bench.judge.raw_estimate import InvalidEstimateError
-from olne_bench.envs.drive.cars import Car, DriveRoad, drive_game, middle_speed
+from olne_bench.envs.drive.cars import Car, DriveRoad, Mind, drive_game, middle_speed
 from olne_bench.envs.drive.nash_traffic import HORIZON
-from olne_bench.envs.drive.planner import Mind
 from olne_bench.envs.roads.road_scenario import NOISE_SCALE, unknown_speed, with_target
 from olne_bench.estimators.protocol import Estimate, Problem
 from olne_bench.games.model.observation import VIEWS

@@ -150,8 +150,10 @@ class _Drive:
         self._controls: list[np.ndarray] = []
         self._plans: list[EgoPlan] = []
         self._cycles: list[float] = []
+        # Else a cycle waits for 0.1 s while what the start has left is looked through.
+        gc.unfreeze()
         gc.collect()
-        gc.freeze()  # else a cycle waits for 0.1 s while what a start has left is looked through
+        gc.freeze()
 
     def cycle(self, watch: Watch | None) -> None:
         """See the others, plan, and drive a step."""

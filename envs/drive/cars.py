@@ -95,6 +95,15 @@ class Car:
         return float(speed_feature(self.player).target)
 
 
+@dataclass(frozen=True)
+class Mind:
+    """A car as the ego takes it to be."""
+
+    number: int  # identifies the car
+    player: Player  # its features, with a target speed
+    weights: np.ndarray  # (4,) of its preferences
+
+
 def proposed_cars(road: DriveRoad, rng: np.random.Generator, kind: str) -> list[Car]:
     """The cars of one proposal, the ego first; numbers are their places.
 

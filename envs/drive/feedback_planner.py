@@ -11,16 +11,16 @@ from dataclasses import replace
 
 import numpy as np
 
+from olne_bench.envs.drive.cars import Mind
 from olne_bench.envs.drive.planner import (
     CONSTRAINED,
-    LEAST_GAP,
     EgoPlan,
     GamePlanner,
-    Mind,
     planned_game,
     planned_response,
     plans_alone,
 )
+from olne_bench.envs.drive.response import LEAST_GAP
 from olne_bench.envs.roads.footprint import gap
 from olne_bench.games.solve.feedback import solve_feedback
 

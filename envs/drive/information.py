@@ -11,12 +11,12 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from olne_bench.envs.drive.cars import MOTION, STEP, Car, DriveRoad, EgoCost, drawn_weights
+from olne_bench.envs.drive.cars import MOTION, STEP, Car, DriveRoad, EgoCost, Mind, drawn_weights
 from olne_bench.envs.drive.ego_seen import EgoSeen
 from olne_bench.envs.drive.nash_traffic import REPLAN, NashTraffic
 from olne_bench.envs.drive.others import Others
-from olne_bench.envs.drive.planner import LEAST_GAP, Mind
 from olne_bench.envs.drive.responding import RespondingPlanner
+from olne_bench.envs.drive.response import LEAST_GAP
 from olne_bench.envs.roads.footprint import gap
 from olne_bench.envs.roads.road_scenario import with_target
 from olne_bench.games.model.dynamics import rollout

@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from olne_bench.envs.drive.cars import MOTION, STEP, Car, DriveRoad, drive_game
+from olne_bench.envs.drive.cars import MOTION, STEP, Car, DriveRoad, Mind, drive_game
 from olne_bench.envs.drive.ego_seen import EgoSeen
 from olne_bench.envs.drive.nash_traffic import HORIZON, REPLAN
-from olne_bench.envs.drive.planner import Mind, plan_from, plans_alone
+from olne_bench.envs.drive.planner import plan_from, plans_alone
 from olne_bench.envs.roads.road_scenario import speed_feature, unknown_speed, with_target
 from olne_bench.games.compiled.elimination import elimination
 from olne_bench.games.model.dynamics import rollout

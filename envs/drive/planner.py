@@ -9,24 +9,22 @@ bounded effort,
 4. to brake.
 
 ``constant_velocity`` takes the others to drive straight on, and the ego is alone in planning: it
-responds (``ego_response``), and pays for coming too near.
+responds (``envs.drive.response``), and pays for coming too near.
 """
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import lru_cache
 
-import casadi as ca
 import numpy as np
 
-from olne_bench.envs.drive.cars import FIRST_STEP, MOTION, STEP, drive_game
+from olne_bench.envs.drive.cars import FIRST_STEP, MOTION, STEP, Mind, drive_game
+from olne_bench.envs.drive.response import LEAST_GAP, response_with_room
 from olne_bench.envs.roads.footprint import CarsApart, gap
 from olne_bench.envs.roads.highway_roads import MAX_ACCELERATION, MAX_STEERING
-from olne_bench.games.model.costs import Stage
 from olne_bench.games.model.dynamics import rollout
-from olne_bench.games.model.game import Game, Player
-from olne_bench.games.solve.best_response import Responses, best_responses, grown_plans
+from olne_bench.games.model.game import Game
+from olne_bench.games.solve.best_response import grown_plans
 from olne_bench.games.solve.constrained import solution_near, variational_solution
 from olne_bench.games.solve.continuation import coupled_features
 from olne_bench.games.solve.newton import Root, newton_root, unpack
@@ -38,28 +36,10 @@ HORIZON = round(4.0 / STEP) + 1
 #: How a plan was found.
 CONSTRAINED, UNCONSTRAINED, KEPT, BRAKED = "constrained", "unconstrained", "kept", "braked"
 
-#: What the ego keeps beside the distance of footprints [m]. Cars that cross are nearest between two
-#: steps, noise hides where the others are, and they plan anew.
-LEAST_GAP = 0.8
-#: Cost of a square metre that is missing, for a step: responses then miss a few millimetres where
-#: there is room.
-_MISSING = 1e4
-#: Of responses: the share of 1 + |J| that a last step promises, and Newton steps.
-_SETTLED, _STEPS = 1e-6, 60
-
 _WARM_ITERATIONS = 40
 _ATTEMPTS = 2  # from scratch
 _ROUNDS = 2  # of best responses
 _BRAKING = 8.0  # [m/s^2]
-
-
-@dataclass(frozen=True)
-class Mind:
-    """A car as the ego takes it to be."""
-
-    number: int  # identifies the car
-    player: Player  # its features, with a target speed
-    weights: np.ndarray  # (4,) of its preferences
 
 
 @dataclass(frozen=True)
@@ -171,73 +151,11 @@ def equilibrium_near(
     return found.states, found.controls, found.costates, kind
 
 
-@dataclass(frozen=True)
-class Room:
-    """What coming too near another car costs an ego: ``scale`` times the missing room squared.
-
-    The room is that of ``CarsApart`` with ``more`` [m] between the circles.
-    """
-
-    other: int  # whose car; -1 for nobody's
-    more: float = LEAST_GAP
-    scale: float = _MISSING
-    name: str = "room"
-
-    @property
-    def watched(self) -> tuple[int, ...]:
-        return (self.other,) if self.other >= 0 else ()
-
-    def watching(self, players: tuple[int, ...]) -> "Room":
-        return replace(self, other=players[0] if players else -1)
-
-    def running_cost(self, stage: Stage) -> ca.SX | float:
-        if self.other < 0:
-            return 0.0
-        pair = (stage.states[stage.player], stage.states[self.other])
-        margin = CarsApart((0, 1), more=self.more).margins(replace(stage, states=pair))
-        return self.scale * ca.fmax(0, -margin) ** 2
-
-    def final_cost(self, stage: Stage) -> ca.SX | float:
-        return self.running_cost(stage)
-
-
-def responses(
-    ego: Mind, plans: np.ndarray, motion: np.ndarray, controls: np.ndarray, *, room: bool
-) -> Responses:
-    """The ego's best responses to the others' motion (T, N, 4), from B first plans (B, T-1, 2).
-
-    With ``room``, it keeps that.
-    """
-    steps, players = motion.shape[:2]
-    return best_responses(
-        _responding_game(ego.player, players, steps, room),
-        *(0, plans, motion, controls, np.tile(ego.weights, (players, 1))),
-        tolerance=_SETTLED,
-        max_iterations=_STEPS,
-    )
-
-
-@lru_cache(maxsize=64)
-def _responding_game(ego: Player, players: int, steps: int, room: bool) -> Game:
-    """The same game whoever the others are: their features do not matter to a response."""
-    apart = tuple(Room(j) for j in range(1, players)) if room else ()
-    return drive_game([Player(ego.preferences, (*ego.task, *apart)), *[ego] * (players - 1)], steps)
-
-
-def ego_response(ego: Mind, motion: np.ndarray, controls: np.ndarray) -> np.ndarray | None:
-    """Controls (T-1, 2) of the ego's best response with room; None if none is found.
-
-    It begins with the ego's part of the controls (T-1, N, 2).
-    """
-    found = responses(ego, controls[None, :, 0], motion, controls, room=True)
-    return found.controls[0] if found.converged[0] else None
-
-
 def planned_response(
     ego: Mind, numbers: tuple[int, ...], motion: np.ndarray, controls: np.ndarray
 ) -> EgoPlan | None:
     """The plan of an ego that responds to the others' motion; None if no response is found."""
-    own = ego_response(ego, motion, controls)
+    own = response_with_room(ego, motion, controls)
     if own is None:
         return None
     controls = np.concatenate([own[:, None], controls[:, 1:]], axis=1)

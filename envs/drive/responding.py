@@ -17,7 +17,7 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from olne_bench.envs.drive.cars import MOTION, STEP, Car, DriveRoad, EgoCost, drive_game
+from olne_bench.envs.drive.cars import MOTION, STEP, Car, DriveRoad, EgoCost, Mind, drive_game
 from olne_bench.envs.drive.ego_seen import EgoSeen
 from olne_bench.envs.drive.nash_traffic import REPLAN
 from olne_bench.envs.drive.others import Others, Plans
@@ -25,15 +25,12 @@ from olne_bench.envs.drive.planner import (
     BRAKED,
     HORIZON,
     KEPT,
-    LEAST_GAP,
     EgoPlan,
-    Mind,
     Planner,
-    ego_response,
     kind_of_motion,
     later,
-    responses,
 )
+from olne_bench.envs.drive.response import LEAST_GAP, response_with_room, responses
 from olne_bench.envs.roads.footprint import gap
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.solve.best_response import grown_plans
@@ -173,7 +170,7 @@ class RespondingPlanner(Planner):
             joint[:, 0] = own
             states = rollout(MOTION, motion[0], joint, STEP)
             if gap(states[:, :1], motion[:, 1:]).min(initial=np.inf) < LEAST_GAP:
-                refined = ego_response(self._mind, motion, joint)
+                refined = response_with_room(self._mind, motion, joint)
                 own = own if refined is None else refined
             chosen.append(own)
         return np.array(chosen).reshape(-1, *starts.shape[1:])

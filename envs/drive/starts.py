@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from olne_bench.envs.drive.cars import ROADS, Car, DriveRoad, drive_game, proposed_cars
+from olne_bench.envs.drive.cars import ROADS, Car, DriveRoad, Mind, drive_game, proposed_cars
 from olne_bench.envs.drive.ego_seen import AverageEgo, EgoSeen, LearntEgo
 from olne_bench.envs.drive.information import (
     loss_of_first_plan,
@@ -21,7 +21,6 @@ from olne_bench.envs.drive.information import (
     value_of_information,
 )
 from olne_bench.envs.drive.nash_traffic import HORIZON, drivable, nash_plan, plan_apart
-from olne_bench.envs.drive.planner import Mind
 from olne_bench.envs.drive.setting import AVERAGE, ENCOUNTER, KNOWN, STOCK, DriveSetting
 from olne_bench.envs.roads.footprint import gap, gaps
 from olne_bench.games.model.dynamics import rollout

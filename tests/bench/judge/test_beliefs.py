@@ -12,9 +12,8 @@ from olne_bench.bench.judge.beliefs import (
 )
 from olne_bench.bench.judge.players import Answer, PlayerFault, PlayerTask
 from olne_bench.bench.judge.raw_estimate import read_estimate
-from olne_bench.envs.drive.cars import ROADS, Car, middle_speed, prior_of, proposed_cars
+from olne_bench.envs.drive.cars import ROADS, Car, Mind, middle_speed, prior_of, proposed_cars
 from olne_bench.envs.drive.nash_traffic import HORIZON
-from olne_bench.envs.drive.planner import Mind
 from olne_bench.estimators.protocol import Estimate, Problem
 from olne_bench.games.model.unknowns import Unknown
 from olne_bench.games.model.weight_prior import FLAT

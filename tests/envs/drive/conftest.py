@@ -5,8 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from olne_bench.envs.drive.cars import ROADS, Car, proposed_cars
-from olne_bench.envs.drive.planner import Mind
+from olne_bench.envs.drive.cars import ROADS, Car, Mind, proposed_cars
 
 MERGE = replace(ROADS["merge"], cars=3)
 

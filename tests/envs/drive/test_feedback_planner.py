@@ -3,7 +3,8 @@ import pytest
 
 from olne_bench.envs.drive.cars import Car, drive_game
 from olne_bench.envs.drive.feedback_planner import FeedbackPlanner
-from olne_bench.envs.drive.planner import CONSTRAINED, HORIZON, LEAST_GAP
+from olne_bench.envs.drive.planner import CONSTRAINED, HORIZON
+from olne_bench.envs.drive.response import LEAST_GAP
 from olne_bench.envs.roads.footprint import gap
 from olne_bench.games.solve.feedback import FeedbackEquilibrium, solve_feedback
 from tests.envs.drive.conftest import true_minds

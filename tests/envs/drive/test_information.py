@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from olne_bench.envs.drive import information
-from olne_bench.envs.drive.cars import Car
+from olne_bench.envs.drive.cars import Car, Mind
 from olne_bench.envs.drive.ego_seen import AverageEgo
 from olne_bench.envs.drive.information import (
     PLAUSIBLE,
@@ -11,7 +11,7 @@ from olne_bench.envs.drive.information import (
     value_of_information,
 )
 from olne_bench.envs.drive.nash_traffic import nash_plan
-from olne_bench.envs.drive.planner import LEAST_GAP, Mind
+from olne_bench.envs.drive.response import LEAST_GAP
 from tests.envs.drive.conftest import MERGE, true_minds
 
 Meeting = tuple[tuple[Car, ...], np.ndarray]

@@ -4,18 +4,15 @@ import casadi as ca
 import numpy as np
 import pytest
 
-from olne_bench.envs.drive.cars import MOTION, STEP, Car
+from olne_bench.envs.drive.cars import MOTION, STEP, Car, Mind
 from olne_bench.envs.drive.planner import (
     CONSTRAINED,
     HORIZON,
-    LEAST_GAP,
     UNCONSTRAINED,
-    Mind,
-    Room,
     planned_game,
     planned_response,
-    responses,
 )
+from olne_bench.envs.drive.response import LEAST_GAP, Room, responses
 from olne_bench.envs.roads.footprint import gap
 from olne_bench.games.model.costs import Stage
 from olne_bench.games.model.dynamics import rollout
