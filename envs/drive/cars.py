@@ -201,8 +201,7 @@ class EgoCost:
         lead, (steps, size) = controls.shape[:-2], controls.shape[-2:]
         states = motions[..., :-1, :, :].reshape(-1, *motions.shape[-2:])
         shares = self.shares(states, controls.reshape(-1, size)).reshape(*lead, steps)
-        gaps = gap(motions[..., 1:, :1, :], motions[..., 1:, 1:, :])
-        nearest = np.minimum.accumulate(gaps.min(axis=-1, initial=np.inf), axis=-1)
+        nearest = np.minimum.accumulate(least_gaps(motions), axis=-1)
         hit = np.where(nearest <= 0, 1.0, np.clip(1 - nearest / room, 0, 1) if room else 0.0)
         after = np.concatenate([np.zeros((*lead, 1)), hit[..., :-1]], axis=-1)
         return np.asarray((after + (1 - after) * shares).mean(axis=-1))
@@ -245,6 +244,18 @@ class EgoCost:
             found = self._proximity(pairs, np.zeros((2, steps))).full()[0]
             nearby += np.maximum(found - far, 0.0)
         return nearby
+
+
+def least_gaps(motion: np.ndarray) -> np.ndarray:
+    """Least gaps (..., T) [m] of the ego to others in each step of a motion (..., T+1, N, 4).
+
+    They are looked at in each of the simulator's frames: cars that cross are nearest between two
+    steps.
+    """
+    before, after = motion[..., :-1, :, :], motion[..., 1:, :, :]
+    frames = np.stack([before + k / FRAMES * (after - before) for k in range(1, FRAMES + 1)])
+    found = gap(frames[..., :1, :], frames[..., 1:, :])
+    return np.asarray(found.min(axis=(0, -1), initial=np.inf))
 
 
 def _function(feature: Feature, players: int) -> ca.Function:

@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from olne_bench.envs.drive.cars import Mind
+from olne_bench.envs.drive.cars import Mind, least_gaps
 from olne_bench.envs.drive.planner import (
     CONSTRAINED,
     EgoPlan,
@@ -21,7 +21,6 @@ from olne_bench.envs.drive.planner import (
     plans_alone,
 )
 from olne_bench.envs.drive.response import LEAST_GAP
-from olne_bench.envs.roads.footprint import gap
 from olne_bench.games.solve.feedback import solve_feedback
 
 
@@ -38,6 +37,6 @@ class FeedbackPlanner(GamePlanner):
         if not found.converged:
             return super()._found(minds, numbers, states)
         motion, controls = found.states, found.controls
-        if gap(motion[:, :1], motion[:, 1:]).min(initial=np.inf) < LEAST_GAP:
+        if least_gaps(motion).min() < LEAST_GAP:
             return planned_response(minds[0], numbers, motion, controls)
         return EgoPlan(numbers, motion, controls, np.zeros_like(motion[1:]), CONSTRAINED)

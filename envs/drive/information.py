@@ -11,13 +11,21 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from olne_bench.envs.drive.cars import MOTION, STEP, Car, DriveRoad, EgoCost, Mind, drawn_weights
+from olne_bench.envs.drive.cars import (
+    MOTION,
+    STEP,
+    Car,
+    DriveRoad,
+    EgoCost,
+    Mind,
+    drawn_weights,
+    least_gaps,
+)
 from olne_bench.envs.drive.ego_seen import EgoSeen
 from olne_bench.envs.drive.nash_traffic import REPLAN, NashTraffic
 from olne_bench.envs.drive.others import Others
 from olne_bench.envs.drive.responding import RespondingPlanner
 from olne_bench.envs.drive.response import LEAST_GAP
-from olne_bench.envs.roads.footprint import gap
 from olne_bench.envs.roads.road_scenario import with_target
 from olne_bench.games.model.dynamics import rollout
 
@@ -57,7 +65,7 @@ def loss_of_first_plan(
     own = np.stack([plan.controls[:, 0] for plan in plans])
     others = Others(road, cars[0], seen, guesses[:1])
     motion, controls = others.played(others.first_planned(states), own, REPLAN)
-    if gap(motion[0, 0, 1:, :1], motion[0, 0, 1:, 1:]).min() < LEAST_GAP:
+    if least_gaps(motion[0, 0]).min() < LEAST_GAP:
         return None
     costs = EgoCost(cars[0]).of_plans(motion[0], controls[0, :, :, 0])
     return float(costs[1:].mean() - costs.min())

@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from olne_bench.envs.drive.cars import FIRST_STEP, MOTION, STEP, Mind, drive_game
+from olne_bench.envs.drive.cars import FIRST_STEP, MOTION, STEP, Mind, drive_game, least_gaps
 from olne_bench.envs.drive.response import LEAST_GAP, response_with_room
-from olne_bench.envs.roads.footprint import CarsApart, gap
+from olne_bench.envs.roads.footprint import CarsApart
 from olne_bench.envs.roads.highway_roads import MAX_ACCELERATION, MAX_STEERING
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.model.game import Game
@@ -165,8 +165,7 @@ def planned_response(
 
 def kind_of_motion(motion: np.ndarray) -> str:
     """Whether the ego keeps clear of all others in a motion (T, N, 4)."""
-    apart = gap(motion[1:, :1], motion[1:, 1:]).min(initial=np.inf)
-    return CONSTRAINED if apart > 0 else UNCONSTRAINED
+    return CONSTRAINED if least_gaps(motion).min() > 0 else UNCONSTRAINED
 
 
 def kept_or_braked(former: EgoPlan | None, numbers: tuple[int, ...], states: np.ndarray) -> EgoPlan:

@@ -17,7 +17,16 @@ from dataclasses import astuple, dataclass
 
 import numpy as np
 
-from olne_bench.envs.drive.cars import MOTION, STEP, Car, DriveRoad, EgoCost, Mind, drive_game
+from olne_bench.envs.drive.cars import (
+    MOTION,
+    STEP,
+    Car,
+    DriveRoad,
+    EgoCost,
+    Mind,
+    drive_game,
+    least_gaps,
+)
 from olne_bench.envs.drive.ego_seen import EgoSeen
 from olne_bench.envs.drive.nash_traffic import REPLAN
 from olne_bench.envs.drive.others import Others, Plans
@@ -31,7 +40,6 @@ from olne_bench.envs.drive.planner import (
     later,
 )
 from olne_bench.envs.drive.response import LEAST_GAP, response_with_room, responses
-from olne_bench.envs.roads.footprint import gap
 from olne_bench.games.model.dynamics import rollout
 from olne_bench.games.solve.best_response import grown_plans
 
@@ -168,8 +176,7 @@ class RespondingPlanner(Planner):
         for own in different(found.controls[good])[:_REFINED]:
             joint = controls.copy()
             joint[:, 0] = own
-            states = rollout(MOTION, motion[0], joint, STEP)
-            if gap(states[:, :1], motion[:, 1:]).min(initial=np.inf) < LEAST_GAP:
+            if least_gaps(rollout(MOTION, motion[0], joint, STEP)).min() < LEAST_GAP:
                 refined = response_with_room(self._mind, motion, joint)
                 own = own if refined is None else refined
             chosen.append(own)

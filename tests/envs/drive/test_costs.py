@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from highway_env.vehicle.kinematics import Vehicle
 
-from olne_bench.envs.drive.cars import ROADS, STEP, STEPS, EgoCost, proposed_cars
+from olne_bench.envs.drive.cars import ROADS, STEP, STEPS, EgoCost, least_gaps, proposed_cars
 from olne_bench.envs.roads.footprint import gap
 
 
@@ -67,6 +67,17 @@ def test_the_cost_of_plans_is_that_of_their_steps_until_cars_overlap(cost) -> No
     assert costs[1] == pytest.approx(drive)
     alone = ego.share(free[0, :1], controls[0])
     assert ego.of_plans(free[:, :1], controls) == pytest.approx(alone)  # nobody is there
+
+
+def test_cars_that_cross_between_two_steps_are_too_near() -> None:
+    """At both steps they are apart; a third of a step later the ego is in the other's way."""
+    before = np.array([[-6.0, 0.0, 0.0, 60.0], [0.0, 0.0, np.pi / 2, 0.0]])
+    after = np.array([[6.0, 0.0, 0.0, 60.0], [0.0, 0.0, np.pi / 2, 0.0]])
+    motion = np.stack([before, after, after])
+    assert gap(motion[:, :1], motion[:, 1:]).min() > 2
+    np.testing.assert_allclose(least_gaps(motion)[0], 0.0)
+    assert least_gaps(motion)[1] > 2
+    assert np.isinf(least_gaps(motion[:, :1])).all()  # nobody is there
 
 
 def test_a_plan_that_leaves_half_of_the_room_collides_with_a_chance_of_one_half(cost) -> None:

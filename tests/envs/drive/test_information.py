@@ -60,6 +60,8 @@ def test_a_start_at_which_even_the_truth_keeps_no_room_is_none(
     meeting: Meeting, monkeypatch: pytest.MonkeyPatch, less: float
 ) -> None:
     cars, _ = meeting
-    monkeypatch.setattr(information, "gap", lambda one, _: np.full(one.shape[:2], LEAST_GAP - less))
+    monkeypatch.setattr(
+        information, "least_gaps", lambda one: np.full(len(one) - 1, LEAST_GAP - less)
+    )
     loss = loss_of_first_plan(cars, MERGE, SEEN, guesses_at(cars))
     assert (loss is None) == (less > 0)
