@@ -115,18 +115,20 @@ def _residual(behaviour: str) -> str:
 # --------------------------------------------------------------------------------------- the rest
 
 
-def _encounter(quarter: str, planner: str, other: str, column: str = "difference") -> str:
+def _encounter(
+    quarter: str, planner: str, other: str, column: str = "difference", of: str = "cost"
+) -> str:
     """A contrast of the suite ``encounters``, in hundredths of what standing costs."""
-    row = _row("encounters/tests.csv", column="cost", quarter=quarter, planner=planner, other=other)
+    row = _row("encounters/tests.csv", column=of, quarter=quarter, planner=planner, other=other)
     if column == "difference":
         return f"{abs(100 * row['difference']):.1f}"
     return f"{row[column]:.1g}"
 
 
-def _drives(planner: str, column: str, times: int = 1) -> str:
+def _drives(planner: str, column: str) -> str:
     """A number of all encounters of a planner, to the whole."""
     row = _row("encounters/quarters.csv", quarter="all", planner=planner)
-    return f"{times * row[column]:.0f}"
+    return f"{row[column]:.0f}"
 
 
 def _score(estimator: str, gain: bool) -> str:
@@ -292,7 +294,16 @@ VALUES: dict[str, Callable[[], str]] = {
         for name in ("feedback", "responding", "leading", "alone", "straight")
     },
     "encounters.gain": partial(_encounter, "4", "map", "uniform"),
-    "encounters.p": partial(_encounter, "4", "map", "uniform", "p_holm"),
+    "encounters.p": partial(_encounter, "4", "map", "uniform", "p"),
+    "encounters.gain.all": partial(_encounter, "all", "map", "uniform"),
+    "encounters.gain.all.p": partial(_encounter, "all", "map", "uniform", "p_holm"),
+    "encounters.truth": partial(_encounter, "all", "map", "oracle"),
+    "encounters.fewer.p": partial(
+        _encounter, "all", "map", "constant_velocity", "p_holm", "collision"
+    ),
+    "encounters.value": lambda: (
+        f"{100 * _row('encounters/quarters.csv', quarter='4', planner='map')['value']:.1f}"
+    ),
     "encounters.straight": partial(_encounter, "all", "map", "constant_velocity"),
     "encounters.straight.p": partial(_encounter, "all", "map", "constant_velocity", "p_holm"),
     "encounters.map": partial(_drives, "map", "collisions"),
@@ -300,7 +311,7 @@ VALUES: dict[str, Callable[[], str]] = {
     "encounters.constant": partial(_drives, "constant_velocity", "collisions"),
     "encounters.drives": partial(_drives, "map", "drives"),
     "encounters.cycle": partial(_drives, "map", "cycle_99"),
-    "encounters.late": partial(_drives, "posterior_contingency", "late", 100),
+    "encounters.contingency": partial(_drives, "map_contingency", "collisions"),
     "encounters.samples": partial(_drives, "map_contingency", "cycle_99"),
     "roads.map.score": partial(_score, "map", False),
     "roads.map.gain": partial(_score, "map", True),
